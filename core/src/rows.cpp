@@ -14,8 +14,9 @@ namespace tomotactile {
 namespace {
 
 constexpr double kInexact = 0.01;  // of a reading: what elements, electrodes and one patch to a contact err, deviation
-// spacings, and of ln c and ln a, that contacts change before derivatives are taken anew
-constexpr double kAlike = 0.03, kAsStrong = 0.1;
+// spacings, and of ln c and ln a, that contacts change before derivatives are taken anew; spacings before what they feel
+// of each other is, which readings are predicted with
+constexpr double kAlike = 0.03, kAsStrong = 0.1, kThere = 0.01;
 // spacings: derivatives by the place of contacts nearer to the rim are those so far inside. On the rim of an insulated
 // sheet they vanish: what ended there would stay, and seem to be known nowhere
 constexpr double kInside = 0.1;
@@ -158,11 +159,11 @@ const Eigen::MatrixXf& RowModel::by_sheet(const Eigen::Vector2d& place) const {
   return by_sheet_[key] = out.cast<float>();
 }
 
-bool RowModel::alike(const Discs& one, const Discs& other) const {
+bool RowModel::alike(const Discs& one, const Discs& other, double place, double size) const {
   if (one.cols() != other.cols()) return false;
-  const double near = kAlike * sheet_->tables().pitch;
   const Discs apart = (one - other).cwiseAbs();
-  return (apart.topRows<2>().array() < near).all() && (apart.bottomRows<2>().array() < kAsStrong).all();
+  return (apart.topRows<2>().array() < place * sheet_->tables().pitch).all() && (apart.row(2).array() < kAsStrong).all() &&
+         (apart.row(3).array() <= size).all();
 }
 
 Matrix RowModel::mutual(const Discs& contacts) const {
@@ -174,7 +175,7 @@ Matrix RowModel::mutual(const Discs& contacts) const {
     for (Index j = 0; j < i; ++j)
       if ((contacts.block<2, 1>(0, i) - contacts.block<2, 1>(0, j)).norm() < reach) near(i, j) = near(j, i) = 1;
   if (near.isZero(0.0)) return {};
-  if (!alike(mutual_.first, contacts)) {
+  if (!alike(mutual_.first, contacts, kThere, 0.0)) {
     const Matrix between = mutual_impedance(*sheet_, contacts.topRows<2>(), contacts.row(3).transpose().array().exp());
     mutual_ = {contacts, (near * between.array().max(0.0)).matrix()};
   }
@@ -229,7 +230,7 @@ Row RowModel::row(const Discs& contacts, Index ground, const Vector& shift, cons
   row.driven = 1.0 - row.ratio.array();
   row.driven[ground] -= within / row.own;
   Kept& kept = kept_[ground];
-  if (kept.valid != valid || !alike(kept.contacts, contacts))
+  if (kept.valid != valid || !alike(kept.contacts, contacts, kAlike, kAsStrong))
     kept = derivatives(contacts, ground, row, share, slopes, between, valid);
   row.changes = kept.changes;
   row.variance = sensor_.alone.array() + kInexact * kInexact * row.driven.array().square() + kept.variance.array();

@@ -59,7 +59,11 @@ def _messages(
         raise
     except Exception as error:  # noqa: BLE001 - a damaged bag ends in errors of many kinds
         reason = " ".join(str(error).split()) or type(error).__name__
-        raise InputError(f"{path}: not a readable rosbag2 ({reason})") from None
+        known = path.is_dir() or path.suffix in _STORAGE  # a reader may know others
+        wanted = (
+            "" if known else f": wanted are .npz, its folder, or a file of {', '.join(_STORAGE)}"
+        )
+        raise InputError(f"{path}: not a readable rosbag2 ({reason}){wanted}") from None
 
 
 def _check_plain(path: Path) -> None:
@@ -68,11 +72,6 @@ def _check_plain(path: Path) -> None:
     for file in path.iterdir() if path.is_dir() else [path]:
         if not file.is_file() and not file.is_dir():
             raise InputError(f"{file}: cannot be read: is not a plain file")
-    if path.is_file() and path.suffix not in _STORAGE:
-        wanted = ", ".join(_STORAGE)
-        raise InputError(
-            f"{path}: is no recording: wanted are .npz, the folder of a rosbag2, or its file ({wanted})"
-        )
     if (path / _METADATA).is_file():
         read_mapping(path / _METADATA)
 

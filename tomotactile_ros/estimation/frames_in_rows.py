@@ -203,8 +203,8 @@ def corrected(
 
 def _strays(way: np.ndarray, known: Known) -> bool:
     """Whether a sheet whose coefficients are `way` (J,) off is too far for what is linear about it."""
-    sure = known.sheet_deviation > 0
-    off = way[sure] / known.sheet_deviation[sure]
+    free = known.sheet_deviation > 0
+    off = way[free] / known.sheet_deviation[free]
     return bool(off @ off > _LINEAR**2)
 
 

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from tomotactile_ros.layouts.layout_ids import make_id
 from tomotactile_ros.layouts.outline import Outline, is_usual_size
-from tomotactile_ros.layouts.region import Region
+from tomotactile_ros.layouts.region import FAR_OFF, Region
 from tomotactile_ros.layouts.tolerance import Tolerance, read_tolerance
 from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import InputError, complaints_at, doubt
@@ -22,7 +22,6 @@ FORMAT = "tomotactile-layout/1"
 MAX_ELECTRODES = 65535  # a ground condition is numbered by a uint16
 MAX_ROWS = 65535  # of a frame: rows are counted by a uint16
 LOW_RESISTANCE = 50.0  # ohm/sq; probing layers have hundreds to some 100,000
-FAR_OFF = 10.0  # sizes of the sheet: what is so far away is probably in mm
 _DECIMALS = 12  # of lengths that are computed, m: they read well, and are the same on every machine
 _ON_RIM = 1e-9  # how far outside an electrode's centre may be, in parts of the outline's size
 

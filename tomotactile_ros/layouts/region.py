@@ -14,6 +14,7 @@ from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import InputError
 
 MAX_CELLS = 1_000_000
+FAR_OFF = 10.0  # sizes of the sheet: what is so far away is probably in mm
 _SLIVER = 1e-6  # cells with a smaller part in the region carry nothing and are left out
 
 
@@ -45,8 +46,9 @@ class Region:
         for i, hole in enumerate(holes):
             rim = shapely.Polygon(shell)
             if not shapely.contains_properly(rim, shapely.Polygon(hole)):
-                fits = shapely.contains_properly(rim, shapely.Polygon(hole / 1e3))
-                meant = "; is it in mm? It must be in m" if fits and np.abs(hole).max() > 1 else ""
+                far = np.abs(hole).max() > FAR_OFF * np.ptp(shell, axis=0).max()
+                fits = far and shapely.contains_properly(rim, shapely.Polygon(hole / 1e3))
+                meant = "; is it in mm? It must be in m" if fits else ""
                 raise InputError(f"holes[{i}]: does not lie wholly inside the outline{meant}")
             for j in range(i):
                 if shapely.Polygon(holes[j]).intersects(shapely.Polygon(hole)):

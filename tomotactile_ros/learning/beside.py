@@ -46,19 +46,16 @@ class LearnerBeside(LiveLearner):
         self._together, self.unexplained, self.moved, self._findings = rest
 
 
-class _Learner:
+class _Learner(LiveLearner):
     """What the process does."""
 
     def __init__(self, layout: Layout, how: dict[str, Any]):
-        self._of = LiveLearner(layout, **how)
-
-    def stop(self) -> None:
-        """Nothing goes on that would have to end."""
+        super().__init__(layout, **how)
 
     def learn(self, touched: list, idle: list) -> tuple:
         """What is known after these touches and untouched frames, None where nothing new is; and what else
         `LearnerBeside` is told."""
-        of, before = self._of, self._of.state
-        of._learn(touched, idle)
-        state: SensorState | None = None if of.state is before else of.state
-        return state, of._together, of.unexplained, of.moved, of.findings
+        before = self.state
+        self._learn(touched, idle)
+        state: SensorState | None = None if self.state is before else self.state
+        return state, self._together, self.unexplained, self.moved, self.findings

@@ -120,9 +120,9 @@ class Learning:
             return
         self._ended.set()
         self._wake.set()
+        self._thread.join(_PATIENCE)
         if self._learner is not None:
             self._learner.stop()
-        self._thread.join(_PATIENCE)
         self._thread = None
         self._save()
 

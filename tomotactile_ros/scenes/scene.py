@@ -10,7 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tomotactile_ros.layouts.layout import FAR_OFF, Layout
+from tomotactile_ros.layouts.layout import Layout
+from tomotactile_ros.layouts.region import FAR_OFF
 from tomotactile_ros.scenes.contact import Contact, read_contact
 from tomotactile_ros.scenes.contact_law import ContactLaw, read_contact_law
 from tomotactile_ros.scenes.defects import (

@@ -58,7 +58,7 @@ class Parser(argparse.ArgumentParser):
         self.error(f"unrecognized arguments: {' '.join(unknown)}{hint}")
 
     def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """The same."""
+        """The same; what is no argument ends it by `refuse`."""
         found, unknown = self.parse_known_args(args, namespace)
         if unknown:
             self.refuse(unknown)

@@ -151,7 +151,9 @@ class Reader:
 
         ``content`` is its mapping where it was read already.
         """
-        reader = cls(content or read_mapping(path, most, file_format), f"{path}: ")
+        if content is None:
+            content = read_mapping(path, most, file_format)
+        reader = cls(content, f"{path}: ")
         found = reader.mapping.get("format")
         if found != file_format:
             ours = isinstance(found, str) and found.startswith("tomotactile-")

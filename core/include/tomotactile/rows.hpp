@@ -110,7 +110,7 @@ class RowModel {
   mutable std::map<std::pair<int, int>, Eigen::MatrixXf> by_sheet_;
 
   // Whether contacts are nearly the same: what changes slowly with them is kept.
-  bool alike(const Discs& one, const Discs& other) const;
+  bool alike(const Discs& one, const Discs& other, double place, double size) const;
   bool at_rim(const Eigen::Vector2d& place, double radius, Eigen::Matrix<double, Eigen::Dynamic, 3>& found) const;
   const Eigen::MatrixXf& by_sheet(const Eigen::Vector2d& place) const;  // n x J
   Kept derivatives(const Discs& contacts, Index ground, const Row& row, const Matrix& share, std::array<Matrix, 2> slopes,
