@@ -173,9 +173,8 @@ class State:
     refused: float = 0.0  # what one more contact promised and did not keep
     needed: np.ndarray | None = None  # `Fit.needed` of the last fit
     fit: Fit | None = None  # of the last valid frame, for who follows rows from there on
-    joined: tuple[np.ndarray, np.ndarray] | None = (
-        None  # discs, and the contact that each is part of
-    )
+    # discs, the contact that each is part of, and what the cost grows by without it, as far as asked
+    joined: tuple[np.ndarray, np.ndarray, dict[int, float]] | None = None
     noise: float = 0.0
     settling: Settling | None = None  # what readings keep of the row before, where they do
 
@@ -330,7 +329,7 @@ class Estimator:
         search = self._search(used)
         times = row_period * np.arange(len(grounded)) if row_period > 0 else None
         prior = self._prior(search.operator, drive_voltage, noise)
-        ended = valid & self._ended(scan.voltages, used, prior)
+        ended = valid & self._ended(scan.voltages, drive_voltage, used, prior)
         at_end = np.count_nonzero(ended) > _MOSTLY_AT_END * np.count_nonzero(valid)
         valid &= ~ended
         rows, silent = self._rows(search, voltages, valid, grounded, drive_voltage, times, noise)
@@ -446,12 +445,14 @@ class Estimator:
     def _made(self, operator: SheetOperator) -> Search:
         return Search(operator, self.across, "shape" not in self.unknown)
 
-    def _ended(self, voltages: np.ndarray, used: tuple[int, ...], prior: Prior) -> np.ndarray:
+    def _ended(
+        self, voltages: np.ndarray, drive_voltage: float, used: tuple[int, ...], prior: Prior
+    ) -> np.ndarray:
         """(L, E) readings at an end of the converter's range: 0 V is one where the offset is known
         to lie below."""
         below = np.zeros(self.layout.electrodes, bool)
         below[list(used)] = prior.offset < 0
-        return clipped(voltages) & (below | (voltages > 0))
+        return clipped(voltages, drive_voltage) & (below | (voltages > 0))
 
     def _prior(self, operator: SheetOperator, drive_voltage: float, noise: float) -> Prior:
         held = set(SENSOR) - self.unknown
@@ -801,17 +802,18 @@ class Estimator:
         """Contacts of a fit, strongest first, and the discs or cells that they consist of."""
         if fit.unknowns.bond is not None:
             return contacts_of_shape(fit, self.law)
-        parts, group = contacts_of(fit, self._groups(search, fit, state), self.law)
-        return joined(parts, group), parts
-
-    def _groups(self, search: Search, fit: Fit, state: State) -> np.ndarray:
-        """(k,) the contact that each disc of a fit belongs to; asked anew where discs have
-        changed."""
-        contacts = fit.unknowns.contacts
-        known = state.joined
+        contacts, known = fit.unknowns.contacts, state.joined
         if known is None or not similar(contacts, known[0], fit.operator.pitch, SAME):
-            known = state.joined = contacts, groups(fit, search.allows)
-        return known[1]
+            known = state.joined = contacts, groups(fit, search.allows), {}
+        _, of, lost = known
+
+        def needed(each: int) -> float:
+            if each not in lost:
+                lost[each] = search.lost_without(fit, of == each)
+            return lost[each]
+
+        parts, group = contacts_of(fit, of, self.law, needed)
+        return joined(parts, group), parts
 
 
 class _Followed(Exception):

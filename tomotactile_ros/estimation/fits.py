@@ -266,13 +266,13 @@ class Fits:
 
     def _simplified(self, fit: Fit) -> Fit:
         """As few contacts as explain the readings as well: those near each other as one, then each
-        left to its neighbour; whatever is left of the budget."""
+        left to its neighbour; whatever is left of the budget, those that lie on each other."""
         if fit is self._simple:
             return fit
         self._left = max(self._left, _LEAST_WORK)
         fit = self._gathered(fit)
         tested: set[bytes] = set()
-        while len(fit.unknowns.contacts) > 1 and self._left > 0:
+        while len(fit.unknowns.contacts) > 1:
             order = np.argsort(self._certainties(fit))
             untested = [i for i in order if fit.unknowns.contacts[i, :2].tobytes() not in tested]
             fewer = None
@@ -280,7 +280,7 @@ class Fits:
                 contacts = fit.unknowns.contacts
                 tested.add(contacts[weakest, :2].tobytes())
                 one = overlaps(contacts, weakest)
-                if not one and not self._may_go(fit, int(weakest)):
+                if not one and (self._left <= 0 or not self._may_go(fit, int(weakest))):
                     continue
                 limit = fit.cost + self._threshold * fit.doubt
                 tried = self._solve(

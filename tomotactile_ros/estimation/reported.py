@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -88,15 +89,24 @@ class Estimate:
     unlike: bool = False
 
 
-def contacts_of(fit: Fit, group: np.ndarray, law: ContactLaw) -> tuple[list[Contact], np.ndarray]:
+def contacts_of(
+    fit: Fit, group: np.ndarray, law: ContactLaw, needed: Callable[[int], float]
+) -> tuple[list[Contact], np.ndarray]:
     """The discs of a fit that are certain, strongest first, and of `group` (k,), the contact that each
-    disc belongs to, what is theirs."""
+    disc belongs to, what is theirs.
+
+    needed : what the cost grows by without a contact, in parts of the doubt. It is asked where deviations do
+        not make one certain: how well one conducts that covers an electrode no reading tells, yet all tell
+        that it is there
+    """
     if not len(fit.unknowns.contacts):
         return [], np.empty(0, int)
     # what is wrong with D of each contact bends all that is fitted
     bent = IMPEDANCE_FLOOR * fit.equations.by_ways
     covariance = fit.covariance * fit.doubt + bent @ bent.T
     certainties = _certainties(fit, covariance, group)
+    for each in np.unique(group[certainties < _CERTAIN**2]):
+        certainties[group == each] = np.maximum(certainties[group == each], needed(int(each)))
     which = np.flatnonzero(certainties >= _LIKELY**2)
     floor = place_floor(fit, fit.equations.unevenness(fit))
     found = [_contact(fit, int(i), covariance, bent, certainties[i], law, floor) for i in which]

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tomotactile_ros.estimation.screening import is_end
+from tomotactile_ros.estimation.screening import is_end, is_top_code
 
 IN_TURN = (
     "rows show the sheet touched and untouched in turn: some rows are not read (a contact "
@@ -121,5 +121,7 @@ class RangeEnd:
         if highest > self.value:  # what was taken for the end is none
             self.value = np.inf
         below, above = (part * drive_voltage for part in _ENDS)
-        if below < highest < above and is_end(read, highest):
+        if is_top_code(highest, drive_voltage) or (
+            below < highest < above and is_end(read, highest)
+        ):
             self.value = highest

@@ -24,6 +24,9 @@ _ENOUGH = 9
 _RAISED = 0.02
 _REPEATED = 8  # readings of one and the same highest value that only an end of the range gives
 _ABOVE = 3.0  # times as many as have the value below
+# of the drive voltage: how far below it the highest code of a converter of 6 to 14 bits is that has it as
+# its reference, and how exactly; a float32 tells the codes of more bits no better from their neighbours
+_TOP_CODES, _SAME_CODE = 0.5 ** np.arange(6, 15), 2e-3
 # of the largest share of the drive voltage that is typically left at an electrode in a row
 _OPEN = 0.25
 
@@ -107,22 +110,35 @@ def latest_state(left: np.ndarray, valid: np.ndarray, noise: float) -> int:
     return int(changes[-1]) + 1 if len(changes) else 0
 
 
-def clipped(voltages: np.ndarray) -> np.ndarray:
+def clipped(voltages: np.ndarray, drive_voltage: float) -> np.ndarray:
     """Which of the voltages (..., L, E), V, are at an end of the converter's range.
 
     The lower end is 0 V where nothing is negative. The upper one is the highest value if it is far
-    more frequent than the next one: noise would spread it.
+    more frequent than the next one, as noise would spread it, or the highest code of a converter whose
+    reference is the drive voltage.
     """
     valid = voltages[np.isfinite(voltages)]
     out = np.zeros(voltages.shape, bool)
     if not valid.size:
         return out
-    if valid.min() == 0.0:
-        out |= voltages == 0.0
+    out |= at_lowest(voltages)
     highest = valid.max()
-    if highest > 0 and valid.min() < highest and is_end(valid, highest):
-        out |= voltages == highest
+    if highest > 0 and valid.min() < highest:
+        if is_top_code(highest, drive_voltage) or is_end(valid, highest):
+            out |= voltages == highest
     return out
+
+
+def at_lowest(voltages: np.ndarray) -> np.ndarray:
+    """Which of the voltages (..., L, E), V, are 0 V, where that is the lower end of the converter's range."""
+    return (voltages == 0.0) & bool(np.nanmin(voltages, initial=np.inf) == 0.0)
+
+
+def is_top_code(reading: float, drive_voltage: float) -> bool:
+    """Whether a reading, V, is the highest that a converter gives whose reference is the drive voltage: one
+    alone tells, which no other readings of a frame do."""
+    below = 1 - reading / drive_voltage
+    return bool(np.abs(below / _TOP_CODES - 1).min() < _SAME_CODE)
 
 
 def is_end(readings: np.ndarray, highest: float) -> bool:

@@ -21,6 +21,7 @@ from tomotactile_ros.estimation.arrangement import (
     LONG,
     as_discs,
     as_known,
+    chosen,
     clustered,
     halved,
     most_together,
@@ -348,6 +349,13 @@ class Search(Fits):
         found = solve(self.operator, self._coarse(contacts), fit.rows, fit.prior, most=BUDGET)
         return found.cost < limit
 
+    def lost_without(self, fit: Fit, which: np.ndarray) -> float:
+        """What the cost grows by without the contacts `which` (k,) of a fit, all else fitted anew, in parts
+        of the fit's doubt."""
+        others = self._coarse(chosen(fit.unknowns, ~which))
+        found = solve(self.operator, others, fit.rows, fit.prior, most=FIRST_LOOK)
+        return (found.cost - fit.cost) / fit.doubt
+
     def at_rest(self, fit: Fit) -> Fit:
         """The same, or a fit of contacts that rest, if the readings tell that they do."""
         if (
@@ -450,9 +458,11 @@ class Search(Fits):
             return self._as_few(first, start.look, fit)
         found, seen = self._as_shape(first, fit), start.look.contacts()
         several = len(seen) > _SEVERAL
-        if found is not None and (several or _is_round(found) or _is_wide(found, len(seen))):
-            return found
-        discs = self._likelier(start.discs, self._looks_wide(self._as_discs(seen, fit), fit))
+        if found is not None and found.chi_squared < _POOR * found.rows.count:
+            if several or _is_round(found) or _is_wide(found, len(seen)):
+                return found
+        wide = self._looks_wide(self._as_discs(seen, fit), fit)
+        discs = self._likelier(start.discs, wide, near=True)
         discs = self._as_few(discs, start.look, fit, False)
         if found is not None and found.unknowns.bond is None:
             return self._likelier(found, discs)
@@ -531,16 +541,14 @@ class Search(Fits):
         return self._shape_or(shape, found)
 
     def _shape_or(self, shape: Fit, found: Fit) -> Fit | None:
-        """Of a shape and discs `found` what is likelier; None where only discs may be reported, and fall
+        """Of a shape and discs `found` what is likelier; None where the shape is unlikely, and the discs fall
         short."""
         if not self._falls_short(found):
             return found
         whole = self._whole(shape)
         if whole is None:
             return None
-        if self._is_likelier(whole, found, shape):
-            return whole
-        return found if shape.chi_squared < _LEFT_OVER * shape.rows.count else None
+        return whole if self._is_likelier(whole, found, shape) else found
 
     def _whole(self, cells: Fit) -> Fit | None:
         """The best fit of `cells` and the sensor, None where that is unlikely, as what cells leave over is no
@@ -644,15 +652,18 @@ class Search(Fits):
         tried = solved(as_known(start, self._expected(fit.rows, fit.prior)), fit)
         return tried if tried.cost < fit.cost - self._threshold * tried.doubt else fit
 
-    def _likelier(self, first: Fit | None, second: Fit) -> Fit:
+    def _likelier(self, first: Fit | None, second: Fit, near: bool = False) -> Fit:
         """Of two fits the one with more contacts only if it is so much better as each of them must
-        be."""
+        be; `near` : of two that are only near the best, with the sensor as expected, by what one whole step
+        from each leads to, to first order."""
         if first is None:
             return second
         fewer, more = sorted((first, second), key=lambda fit: np.count_nonzero(fit.unknowns.free))
         counts = [np.count_nonzero(fit.unknowns.free) for fit in (fewer, more)]
         extra = (counts[1] - counts[0]) / _FORM
-        return more if more.cost < fewer.cost - extra * self._threshold * more.doubt else fewer
+        left = [self._after_a_step(fit) if near else fit.cost for fit in (fewer, more)]
+        doubt = more.doubt_after(more.cost - left[1])
+        return more if left[1] < left[0] - extra * self._threshold * doubt else fewer
 
     def _looks_like(self, like: Fit) -> Start | None:
         """Where a fit of the rows of `like`, of no contacts, begins, the sensor being as expected: near
@@ -678,7 +689,7 @@ class Search(Fits):
         if shape is not None and explains(shape):
             return Start(look, shape, discs)
         wide = self._looks_wide(self._as_discs(look.contacts(), like), like)
-        return Start(look, wide if discs is None else self._likelier(discs, wide))
+        return Start(look, self._likelier(discs, wide, near=True))
 
     def _as_one(self, points: list[tuple[np.ndarray, float]], like: Fit) -> Fit | None:
         """The best fit of one contact in the place of each three or more `points` near each other, if it leaves
@@ -727,7 +738,7 @@ class Search(Fits):
         most, least = groups(shape, 1.0), groups(shape)
         found = self._parts_of(shape, most, like)
         if least.max() < most.max():
-            found = self._likelier(found, self._parts_of(shape, least, like))
+            found = self._likelier(found, self._parts_of(shape, least, like), near=True)
         return found
 
     def _roughly(self, shape: Fit, like: Fit) -> Fit:
@@ -751,7 +762,10 @@ class Search(Fits):
 
     def _is_likelier(self, shape: Fit, found: Fit, cells: Fit) -> bool:
         """Whether the evidence is for a shape, found among `cells` that might conduct, rather than for
-        what was found."""
+        what was found; what would be withheld is none."""
+        suspect = SUSPECT * found.rows.count
+        if shape.chi_squared < suspect < found.chi_squared:
+            return True
         cost, doubt = found.chi_squared + found.of_sensor, min(shape.doubt, found.doubt)
         return self._has_more_evidence(shape, cells, cost, found.unknowns.free, doubt)
 
@@ -794,7 +808,8 @@ class Search(Fits):
         if found.chi_squared > _LEFT_OVER * found.rows.count:
             if few.free.all(axis=1).any():
                 begun = self._begun(few, like, len(few.contacts))
-                found = self._split(self._likelier(found, self._approached(begun)), self._near)
+                found = self._likelier(found, self._approached(begun), near=True)
+                found = self._split(found, self._near)
             elif Contacts(self._stretched(found)).promise > _PARTLY * found.cost:
                 found = self._split(self._formed(found, self._near), self._near)
         if (
@@ -803,7 +818,7 @@ class Search(Fits):
         ):
             many = self._begun(seen, like, len(seen.contacts))
             if many.cost < found.cost:
-                found = self._likelier(found, self._approached(many))
+                found = self._likelier(found, self._approached(many), near=True)
         return found
 
     def _near(self, start: Unknowns, like: Fit, goal: float = np.inf) -> Fit:

@@ -97,6 +97,11 @@ class Tracks:
         self._told = {False: -np.inf, True: -np.inf}  # s, the last frame, and the last row
         self._lock = Lock()
 
+    @property
+    def last(self) -> bool:
+        """Whether contacts have not ended."""
+        return bool(self._tracks)
+
     def follow(
         self,
         contacts: Sequence[Placed],

@@ -296,7 +296,7 @@ class LiveLearner:
         if learner is None:
             return
         read = frame.voltages[frame.rows]
-        frames = read[None], frame.before[frame.rows][None], clipped(read)[None]
+        frames = read[None], frame.before[frame.rows][None], clipped(read, frame.drive)[None]
         given = learner, *frames, frame.rows, self._noise
         self.settling = kept_of_rows_before(*given, self.settling)
         if moves(learner, self._settled(frame), frame.rows, self._noise):
@@ -328,7 +328,7 @@ class LiveLearner:
             self.health.exchanged(exchanged.pair, odd[0].time, exchanged.sure)
             self.unexplained += len(odd)
             return
-        squares = [square(self._settled(f), f.rows, clipped(f.voltages[f.rows])) for f in odd]
+        squares = [square(self._settled(f), f.rows, clipped(f.voltages[f.rows], f.drive)) for f in odd]
         known = learner.state
         if not torn(learner, rows, squares):
             learner.set(known.widened())
@@ -346,7 +346,7 @@ class LiveLearner:
         self._adopt(learner.state.at(odd[-1].time), odd[0].time, misfits)
 
     def _rows(self, learner, frame):
-        ends = clipped(frame.voltages[frame.rows])
+        ends = clipped(frame.voltages[frame.rows], frame.drive)
         given = self._settled(frame), frame.rows, frame.drive, self._noise
         return rows_of(learner.operator, *given, ends)
 

@@ -10,7 +10,7 @@ from scipy.special import log_ndtr
 
 from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.operator import SheetOperator
-from tomotactile_ros.estimation.screening import clipped
+from tomotactile_ros.estimation.screening import at_lowest
 
 _EVEN = 1.2  # variance over the rows in parts of the noise's, up to which nothing touches
 _FLOOR = 1e-4  # V, standard deviation: hum and drift of what is averaged
@@ -100,7 +100,7 @@ def offsets(frames: np.ndarray, grounded, noise: float, mean: np.ndarray, deviat
     """
     valid = np.isfinite(frames)
     valid[:, np.arange(len(grounded)), grounded] = False
-    low = clipped(frames) & (frames == 0.0) & valid
+    low = at_lowest(np.where(valid, frames, np.nan)) & valid
     above = valid & ~low
     count, ends = above.sum(axis=(0, 1)), low.sum(axis=(0, 1))
     positive = frames[above & (frames > 0)]

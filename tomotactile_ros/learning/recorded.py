@@ -171,7 +171,7 @@ def _learned(
             "offsets; readings of a few mV are wanted where nothing touches: is anything grounded, and "
             "is the range of the converter wide enough?"
         )
-    ends = clipped(frames)
+    ends = clipped(frames, drive)
     faults = _faults(frames, grounded, idle, noise)
     used = np.array([e for e in range(layout.electrodes) if e not in faults])
     if len(used) < 2:
@@ -377,7 +377,7 @@ def moves(learner: Learner, voltages: np.ndarray, grounded: np.ndarray, noise: f
     found = _by_reciprocity(
         learner,
         voltages[None],
-        clipped(voltages)[None],
+        clipped(voltages, learner.drive)[None],
         grounded,
         np.zeros(1, int),
         learner.drive,

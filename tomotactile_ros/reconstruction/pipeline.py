@@ -896,7 +896,7 @@ class Pipeline:
     def _glance(self, given: _Given) -> _Found:
         """What was complete of a frame that this one repeats but for noise; else what one linear image
         tells: its contacts, or that something presses somewhere where they do not explain it; nothing
-        where the readings need more than one look."""
+        where the readings need more than one look, or contacts last, none of which has ended by that."""
         whole = self._whole
         if whole is not None and _is_repeated(whole.given, given, self.settings.noise):
             return _Found(replace(whole.result, complete=False), given, None, whole.one_by_one)
@@ -905,7 +905,7 @@ class Pipeline:
         if shown is not None:
             return _Found(replace(shown, complete=False), given)
         frame, bad, local, measured = read
-        if measured is None:
+        if measured is None or self._tracks.last:
             faults = self._faults(frame, bad)
             result = self._withheld(UNDECIDED, bad, faults, math.nan, given.lasts / 2)
             return _Found(replace(result, complete=False), given)

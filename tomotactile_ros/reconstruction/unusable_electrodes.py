@@ -72,15 +72,14 @@ def why_left_out(
 def covered_electrodes(
     layout: Layout, contacts: Sequence[ContactEstimate], readings: np.ndarray, drive_voltage: float
 ) -> np.ndarray:
-    """(E,) bool: electrodes under one of the `contacts` that read (E,) V no less than the drive voltage,
-    but for the gain of a channel: what conducts that well on an electrode pins its reading, which is no
-    defect."""
+    """(E,) bool: electrodes that read (E,) V no less than the drive voltage, but for the gain of a channel,
+    and that one of the `contacts` may cover: what conducts that well on an electrode pins its reading, which
+    is no defect. The end of a long one is as far from the disc that it is told as as a spacing."""
     pinned = readings > (1 - _GAINS_DIFFER) * drive_voltage
     covered = np.zeros(len(pinned), bool)
     for contact in contacts:
         apart = np.hypot(*(layout.positions - [contact.x, contact.y]).T)
-        spread = np.sqrt(np.nanmax([*contact.position_covariance[::3], 0.0]))
-        covered |= apart < contact.radius + layout.radius + 2 * spread
+        covered |= apart < contact.radius + np.median(layout.pitches)
     return covered & pinned
 
 
