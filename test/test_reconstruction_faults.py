@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from tomotactile_ros.estimation.screening import clipped
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.scenes.contact import Contact, ContactLaw
@@ -83,6 +84,50 @@ def test_an_electrode_under_a_conductor_is_not_named(profile, law):
     if law is not None:  # as good as bare: what it conducts is not told by readings
         assert found.force_std == np.inf and found.force < scene.truth(0.0)[0]["force"]
         assert "at least" in repr(found) and "at least" in contact_lines([found])[0]
+
+
+@pytest.mark.parametrize("profile", ["balanced", "accurate"])
+@pytest.mark.parametrize(
+    "discs",
+    [
+        [
+            (85.7, -28.6, 6.8),
+            (14.7, -14.4, 9.5),
+        ],  # the first was not reported: how well it conducts
+        [(27.5, 14.8, 5.0), (-85.7, 0.0, 7.3)],  # no reading told
+        [(98.6, -98.7, 10.5), (-42.1, 31.4, 10.3), (19.8, 76.0, 4.4)],  # 7 and 42 were named
+    ],
+)
+def test_bare_conductors_on_electrodes_are_found_and_no_electrode_is_named(profile, discs):
+    contacts = tuple(
+        Contact("disc", center=(x / 1e3, y / 1e3), radius=radius / 1e3) for x, y, radius in discs
+    )
+    scene = Scene("bare", 3.3, contacts, ContactLaw(1e-4, 1.0), Noise(0.001, 1), Adc(12, 3.3))
+    result = Pipeline(LAYOUT, Settings(profile)).process(Simulator(LAYOUT, scene).measure(0.0))
+    assert result.faults == {} and len(result.contacts) == len(discs)
+    for x, y, radius in discs:  # the corner is seen worst
+        apart = [np.hypot(c.x - x / 1e3, c.y - y / 1e3) for c in result.contacts]
+        assert min(apart) < radius / 1e3
+
+
+def test_a_plate_over_two_electrodes_breaks_none_of_them():
+    plate = Contact("rectangle", center=(0.0714, 0.0857), size=(0.0406, 0.012), angle=90.0)
+    scene = Scene("plate", 3.3, (plate,), ContactLaw(1e-4, 1.0), Noise(0.001, 1), Adc(12, 3.3))
+    result = Pipeline(LAYOUT, Settings("accurate")).process(Simulator(LAYOUT, scene).measure(0.0))
+    assert result.contacts and result.faults == {} and result.excluded == ()
+
+
+@pytest.mark.parametrize("bits", [8, 10, 12, 14])
+def test_one_reading_at_the_end_of_the_converter_is_left_out(bits):
+    """It shows neither gain nor settling: one of 4,032 kept half a percent of settling from being found, and
+    contacts beside it were 28 mm off."""
+    step = 3.3 / 2**bits
+    read = np.round(np.random.default_rng(bits).uniform(0.0, 3.2, (4, 16)) / step) * step
+    assert not clipped(read, 3.3).any()
+    read[2, 5] = 3.3 - step
+    for each in (read, read.astype(np.float32).astype(float)):
+        assert np.argwhere(clipped(each, 3.3)).tolist() == [[2, 5]]
+    assert not clipped(read, 5.0).any()
 
 
 @pytest.mark.parametrize("profile", ["fast", "accurate"])

@@ -49,6 +49,7 @@ from tomotactile_ros.estimation.reported import (
 from tomotactile_ros.estimation.reported_shape import contacts_of_shape
 from tomotactile_ros.estimation.scatter import scatter
 from tomotactile_ros.estimation.screening import (
+    OPEN,
     STUCK,
     clipped,
     dead_channels,
@@ -334,7 +335,7 @@ class Estimator:
         valid &= ~ended
         rows, silent = self._rows(search, voltages, valid, grounded, drive_voltage, times, noise)
         for electrode in silent:
-            left_out.setdefault(int(electrode), "it is never grounded: its switch or wire is open")
+            left_out.setdefault(int(electrode), OPEN)
         if rows.count < _FEWEST_READINGS:
             return Estimate([], [], "withheld", "too little was read", left_out), None
         begun = latest_state(1 - rows.readings, rows.weights > 0, noise / drive_voltage)

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-STUCK = "its reading never changes"  # why a channel is left out
+# why channels are left out
+STUCK, OPEN = "its reading never changes", "it is never grounded: its switch or wire is open"
 _STUCK = 6.0  # standard deviations of the noise that a stuck channel spans at the most
 _ALIVE = 10.0  # times as much spans a channel that sees a touch
 # of the channels in use: with more that give no readings or never change the frame is withheld:
@@ -123,9 +124,9 @@ def clipped(voltages: np.ndarray, drive_voltage: float) -> np.ndarray:
         return out
     out |= at_lowest(voltages)
     highest = valid.max()
-    if highest > 0 and valid.min() < highest:
-        if is_top_code(highest, drive_voltage) or is_end(valid, highest):
-            out |= voltages == highest
+    ended = is_top_code(highest, drive_voltage) or is_end(valid, highest)
+    if valid.min() < highest and highest > 0 and ended:
+        out |= voltages == highest
     return out
 
 

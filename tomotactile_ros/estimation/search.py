@@ -458,9 +458,9 @@ class Search(Fits):
             return self._as_few(first, start.look, fit)
         found, seen = self._as_shape(first, fit), start.look.contacts()
         several = len(seen) > _SEVERAL
-        if found is not None and found.chi_squared < _POOR * found.rows.count:
-            if several or _is_round(found) or _is_wide(found, len(seen)):
-                return found
+        sure = found is None or several or _is_round(found) or _is_wide(found, len(seen))
+        if found is not None and sure and found.chi_squared < _POOR * found.rows.count:
+            return found
         wide = self._looks_wide(self._as_discs(seen, fit), fit)
         discs = self._likelier(start.discs, wide, near=True)
         discs = self._as_few(discs, start.look, fit, False)

@@ -328,7 +328,9 @@ class LiveLearner:
             self.health.exchanged(exchanged.pair, odd[0].time, exchanged.sure)
             self.unexplained += len(odd)
             return
-        squares = [square(self._settled(f), f.rows, clipped(f.voltages[f.rows], f.drive)) for f in odd]
+        squares = [
+            square(self._settled(f), f.rows, clipped(f.voltages[f.rows], f.drive)) for f in odd
+        ]
         known = learner.state
         if not torn(learner, rows, squares):
             learner.set(known.widened())

@@ -351,7 +351,7 @@ class Pipeline:
         if found.given is not given:  # of a frame before, whose search has ended since
             result.holds += found.given.began - given.began
             result.complete = False
-        if found.one_by_one and result.contacts and screening.STUCK in result.faults.values():
+        if found.one_by_one and result.contacts and result.faults:
             readings = np.fmax.reduce(self._rows_of(found.given)[0])
             result = self._without_covered(result, readings, given.drive_voltage)
         if self.settings.image == "none":
@@ -385,7 +385,8 @@ class Pipeline:
         """The same, in which no electrode is named of which readings (E,), V, are those of what touches
         it."""
         covered = covered_electrodes(self.layout, result.contacts, readings, drive_voltage)
-        pinned = {e for e, why in result.faults.items() if why == screening.STUCK and covered[e]}
+        looks = screening.STUCK, screening.OPEN
+        pinned = {e for e, why in result.faults.items() if why in looks and covered[e]}
         faults = {e: why for e, why in result.faults.items() if e not in pinned}
         left_out = tuple(e for e in result.excluded if e not in pinned)
         return replace(result, faults=faults, excluded=left_out)
@@ -680,7 +681,9 @@ class Pipeline:
         # a sheet cut otherwise, torn or holed: its couplings err where it is so, its currents do not; what lies
         # within an electrode is there, wherever the fit has it
         within = reason == ANYWHERE and not self.fits
-        shown = self._shown(given, self._read(given)) if estimate.unlike or within else None
+        # nor does it tell of a channel that never changes whether something pins it or it is broken
+        unlike = estimate.unlike and screening.STUCK not in estimate.left_out.values()
+        shown = self._shown(given, self._read(given)) if unlike or within else None
         if shown is not None:
             aside = float(np.median(self.layout.pitches)) * _UNLIKE
             contacts = [_wider(each, aside) for each in shown.contacts]
