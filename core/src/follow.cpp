@@ -124,7 +124,7 @@ RowState Follower::follow(RowState state, const Vector& readings, const Read& va
     seen = ended(state, std::move(seen), read, ground);
   }
   state.unexplained = seen.fit.chi_squared > unexplained ? state.unexplained + 1 : 0;
-  state.belief = std::make_shared<const Belief>(believed(seen));
+  state.belief = std::make_shared<const Belief>(believed(seen, model));
   passed(state, is_idle(seen.fit), seen.fit.chi_squared / read.count);
   return state;
 }
@@ -143,7 +143,7 @@ RowState Follower::wait(RowState state, const Vector& readings, const Read& vali
       for (int each : left) state.distrusted[each] = int(valid.size());
   }
   const bool untouched = any && none.fit.chi_squared <= most;
-  if (untouched) state.belief = std::make_shared<const Belief>(believed(none));
+  if (untouched) state.belief = std::make_shared<const Belief>(believed(none, *state.model));
   passed(state, untouched, none.fit.chi_squared / read.count);
   return state;
 }
@@ -330,14 +330,17 @@ bool Follower::taken(const Belief& belief, const RowModel& model, const Eigen::V
 }
 
 // The belief after the row, without contacts of which it is no longer known that they conduct, and of which two are one.
-Belief Follower::believed(const Seen& seen) const {
+// One that no row of late was near may conduct anything, and is there until a row that would show it does not.
+Belief Follower::believed(const Seen& seen, const RowModel& model) const {
+  const double faint = model.faintest() + std::log(kGone);
   Belief out = *seen.prior;
   out.mean = seen.fit.mean;
   seen.fit.correct(out.covariance);
   for (int& rows : out.rows) ++rows;
   for (Index i = out.count() - 1; i >= 0; --i) {
     const Index at = kState * i + 4;
-    if (out.covariance(at, at) > 1 / (kGone * kGone) && out.rows[i] > 1) out = out.without(i);
+    const bool young = out.rows[i] < kYoung && out.rows[i] > 1;
+    if (out.covariance(at, at) > 1 / (kGone * kGone) && (young || out.mean[at] < faint)) out = out.without(i);
   }
   for (Index i = out.count() - 1; i >= 1; --i)
     for (Index j = 0; j < i; ++j)

@@ -85,7 +85,7 @@ class Follower {
   std::vector<Vector> across(const RowModel& model, const Seen& seen) const;
   bool is_linear(const Belief& belief) const;
   bool taken(const Belief& belief, const RowModel& model, const Eigen::Vector2d& place) const;
-  Belief believed(const Seen& seen) const;
+  Belief believed(const Seen& seen, const RowModel& model) const;
 };
 
 }  // namespace tomotactile
