@@ -22,7 +22,7 @@ from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.scenes.contact import Contact, ContactLaw
 from tomotactile_ros.scenes.defects import Adc, Noise
-from tomotactile_ros.scenes.scene import Scene
+from tomotactile_ros.scenes.scene import Scene, load_scene
 from tomotactile_ros.simulation import ROW_PERIOD, Simulator
 
 LAYOUT = load_layout("equal-4x4")
@@ -480,3 +480,22 @@ def test_slides_that_pass_each_other_are_told_all_the_time():
         pipeline.process(*given, numbered=False)
         pipeline.correct(state, *given)
     assert len(numbers) == 2
+
+
+def test_a_hand_at_rest_stays_where_rows_are_left_out():
+    """Rows that come too fast are left out; for those that were followed no finger was near, so that nobody knew
+    how well it conducted by now: it was said to have ended, and began again with another number."""
+    layout, scene = load_layout("equal-8x8"), load_scene("hand")
+    simulator = Simulator(layout, scene, row_period=1e-3)
+    pipeline = Pipeline(layout, Settings("accurate", contact_law=scene.contact_law))
+    state, there = pipeline.rows(), set()
+    for number in range(10):
+        frame = simulator.measure(0.064 * number, number)
+        for i, (row, ground) in enumerate(zip(frame.voltages, frame.grounded)):
+            if number and 20 <= i < 44:
+                continue
+            time = frame.stamp + i * frame.row_period
+            pipeline.follow_row(row, int(ground), frame.drive_voltage, time, state)
+            if state.touching is not None:
+                there.add(tuple(sorted(state.touching)))
+    assert len(there) == 1 and len(there.pop()) == len(scene.contacts)

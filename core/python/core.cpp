@@ -595,11 +595,11 @@ PYBIND11_MODULE(TOMOTACTILE_MODULE, m) {
         if (which < 0 || which >= b.count()) throw py::index_error("no such contact");
         return b.without(which);
       }, "which"_a)
-      .def("with_contact", [](const Belief& b, const Array& mean, const Array& covariance, const Array& size, int number, double begun) {
+      .def("with_contact", [](const Belief& b, const Array& mean, const Array& covariance, const Array& size, int number, double begun, int rows) {
         if (mean.ndim() != 1 || mean.size() != kState || size.ndim() != 1 || size.size() != 2 || square(covariance, "covariance").rows() != kState)
           refuse("mean, covariance, size", "(5,), (5, 5), (2,)");
-        return b.with_contact(vector(mean, "mean"), square(covariance, "covariance"), vector(size, "size"), number, begun);
-      }, "mean"_a, "covariance"_a, "size"_a, "number"_a, "begun"_a)
+        return b.with_contact(vector(mean, "mean"), square(covariance, "covariance"), vector(size, "size"), number, begun, rows);
+      }, "mean"_a, "covariance"_a, "size"_a, "number"_a, "begun"_a, "rows"_a = 0)
       .def("unlearned", [](const Belief& b, const Array& deviation) { return b.unlearned(vector(deviation, "deviation")); }, "deviation"_a)
       .def("replaced", &replaced, "mean"_a = py::none(), "covariance"_a = py::none(), "sizes"_a = py::none());
 

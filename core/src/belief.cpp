@@ -95,7 +95,7 @@ Belief Belief::without(Index which) const {
 }
 
 Belief Belief::with_contact(const Eigen::Matrix<double, kState, 1>& added, const Eigen::Matrix<double, kState, kState>& own,
-                            const Eigen::Vector2d& size, int number, double since) const {
+                            const Eigen::Vector2d& size, int number, double since, int shown) const {
   const Index at = kState * count(), sensor = mean.size() - at, all = mean.size() + kState;
   Belief out;
   out.mean.resize(all), out.mean << mean.head(at), added, mean.tail(sensor);
@@ -107,7 +107,7 @@ Belief Belief::with_contact(const Eigen::Matrix<double, kState, 1>& added, const
   out.covariance.block<kState, kState>(at, at) = own;
   out.sizes.resize(2, count() + 1), out.sizes << sizes, size;
   out.numbers = numbers, out.rows = rows, out.begun = begun;
-  out.numbers.push_back(number), out.rows.push_back(0), out.begun.push_back(since);
+  out.numbers.push_back(number), out.rows.push_back(shown), out.begun.push_back(since);
   return out;
 }
 

@@ -164,7 +164,8 @@ def corrected(
             known_by_now = _nearest(fresh, mean[:2], reach) is not None
             if confused or not (known_by_now or ended or partial):
                 state.last += 1
-                belief = belief.with_contact(mean, own, sizes, state.last, state.time)
+                shown = operator.count  # rows: those of the frame
+                belief = belief.with_contact(mean, own, sizes, state.last, state.time, shown)
             continue
         before = left.pop(number)
         if number in belief.numbers:  # otherwise it has gone since

@@ -34,7 +34,7 @@ struct Belief {
   Belief of_sensor() const;                                                  // without any contact, whatever those were
   Belief without(Index which) const;
   Belief with_contact(const Eigen::Matrix<double, kState, 1>& mean, const Eigen::Matrix<double, kState, kState>& covariance,
-                      const Eigen::Vector2d& size, int number, double begun) const;
+                      const Eigen::Vector2d& size, int number, double begun, int rows = 0) const;
   Belief unlearned(const Vector& deviation) const;  // the contacts alone, of a sensor of which no row has told anything
   void check() const;                               // throws BadInput where sizes differ
 };
