@@ -22,7 +22,7 @@ from tomotactile_ros.reconstruction.grounded import GroundedSheet
 from tomotactile_ros.scenes.channels import Channels, Rms, Uniform
 from tomotactile_ros.scenes.contact import Contact, ContactLaw
 from tomotactile_ros.scenes.defects import Defects, Noise, SheetVariation
-from tomotactile_ros.scenes.scene import Scene
+from tomotactile_ros.scenes.scene import Scene, load_scene
 from tomotactile_ros.simulation import Simulator
 
 DRIVE, NOISE = 3.3, 1e-3
@@ -384,6 +384,20 @@ def test_crowds_on_a_worn_sensor(count):
     apart = np.hypot(*(np.array([(c.x, c.y) for c in found])[:, None] - places).transpose(2, 0, 1))
     assert len(found) == count
     assert apart.min(axis=0).max() < 1.5e-3
+
+
+@pytest.mark.parametrize("number", [1, 4])
+def test_fingers_beside_a_palm_are_no_cells(number):
+    """In four of six frames a shape of 66 cells with a bent sheet left nothing over: forces 8 % and radii 30 %
+    off, and later frames went on from there."""
+    layout, scene = load_layout("equal-8x8"), load_scene("hand")
+    frame = Simulator(layout, scene).measure(0.064 * number, number)
+    found = Pipeline(layout, Settings("accurate", contact_law=scene.contact_law)).process(frame)
+    assert len(found.contacts) == len(scene.contacts)
+    for true in scene.truth(0.0):
+        apart = [np.hypot(c.x - true["x"], c.y - true["y"]) for c in found.contacts]
+        nearest = found.contacts[int(np.argmin(apart))]
+        assert min(apart) < 1e-3 and nearest.force == pytest.approx(true["force"], rel=0.06)
 
 
 def test_a_wide_contact_at_low_pressure_is_one():

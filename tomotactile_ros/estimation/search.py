@@ -456,7 +456,7 @@ class Search(Fits):
         first = start.fit
         if first.unknowns.bond is None:
             return self._as_few(first, start.look, fit)
-        found, seen = self._as_shape(first, fit), start.look.contacts()
+        found, seen = self._as_shape(first, fit, start.discs), start.look.contacts()
         several = len(seen) > _SEVERAL
         sure = found is None or several or _is_round(found) or _is_wide(found, len(seen))
         if found is not None and sure and found.chi_squared < _POOR * found.rows.count:
@@ -523,10 +523,11 @@ class Search(Fits):
             self._cells = look, self.shapes.fitted(look, rest, channels)
         return self._cells[1]
 
-    def _as_shape(self, shape: Fit, rest: Fit) -> Fit | None:
+    def _as_shape(self, shape: Fit, rest: Fit, discs: Fit | None) -> Fit | None:
         """What cells alone explain nearly: discs and ellipses in the place of the parts of a `shape`, or
-        itself; None where neither is sure."""
+        what likelier `discs` lead to, or itself; None where neither is sure."""
         parts = self._split(self._parts(shape, rest), self._near)
+        parts = self._likelier(discs, parts, near=True)
         contacts = parts.unknowns.contacts
         dear = len(contacts) > 1 or np.exp(contacts[0, RADIUS]) > _DEAR * self.operator.pitch
         if dear and self._outdoes(shape, parts):
