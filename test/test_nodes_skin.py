@@ -57,7 +57,7 @@ class Sensor:
 
     def _publish(self):
         header = make_header(self._begin + 0.05 * next(self._numbers), self._frame_id)
-        message = ContactArray(header=header, contacts=[self._contact])
+        message = ContactArray(header=header, contacts=[self._contact], complete=True)
         for key, value in self._changes.items():
             setattr(message, key, value)
         self._publisher.publish(message)
@@ -116,6 +116,17 @@ def test_a_sensor_whose_contacts_are_withheld_or_nowhere_is_named(probe, start, 
     left.timer.cancel()
     right.timer.cancel()
     merged(probe, lambda m: m.reason.count("no contacts for") == 2)
+
+
+def test_a_sensor_whose_frames_are_cut_makes_the_list_incomplete(probe, start, poses):
+    cut, _ = (
+        Sensor(probe, "left", "left_link", complete=False),
+        Sensor(probe, "right", "right_link"),
+    )
+    start("skin", {"sensors": "[left, right]", "poses": poses})
+    merged(probe, lambda m: len(m.contacts) == 2 and not m.complete)
+    cut._changes = {}
+    merged(probe, lambda m: len(m.contacts) == 2 and m.complete)
 
 
 def test_contacts_that_nobody_vouches_for_are_none(probe, start, poses):
