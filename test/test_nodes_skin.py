@@ -1,8 +1,10 @@
 """Several sensors: in one process, and their contacts as one list in a robot's frame."""
 
 import itertools
+import re
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -21,6 +23,7 @@ from tomotactile_ros.nodes.running import PlainNode
 from tomotactile_ros.nodes.skin import SkinPart, check_contacts
 from tomotactile_ros.support.errors import InputError
 
+DOCS = Path(__file__).resolve().parent.parent / "docs" / "robots.md"
 POSES = """
 format: tomotactile-poses/1
 frame_id: base_link
@@ -274,10 +277,8 @@ def test_two_sensors_in_one_process_have_their_own_parameters_and_topics(
     probe, start, scene, tmp_path
 ):
     file = tmp_path / "two.yaml"
-    file.write_text(
-        f"/left/driver: {{ros__parameters: {{scene: {scene}, frame_id: left_link}}}}\n"
-        "/right/**: {ros__parameters: {layout: equal-4x4, scene: idle, frame_id: right_link}}\n"
-    )
+    (given,) = re.findall(r"```yaml\n(/left.*?)```", DOCS.read_text("utf-8"), re.DOTALL)
+    file.write_text(given.replace("scene: tap", f"scene: {scene}"))
     sensors = start("sensors", {"sensors": "[left, right]"}, files=[file])
     ros_checks.check_contact(probe, "/left")
     idle = probe.wait_for(ContactArray, "/right/contacts")
