@@ -29,6 +29,7 @@ from tomotactile_ros.nodes.markers import ContactMarkers, layout_markers
 from tomotactile_ros.nodes.node_time import PassingTime, seconds_now
 from tomotactile_ros.nodes.publishers import publisher
 from tomotactile_ros.spatial import in_space
+from tomotactile_ros.support.checks import plain
 from tomotactile_ros.view.colours import (
     LEAST_PRESSURE,
     Overlay,
@@ -172,7 +173,7 @@ class Outputs:
         age = seconds_now(self._node) - stamp_of(header)
         if not 0 < self._max_age < age:
             return ""
-        return f"readings of {age:.3g} s ago (max_age {self._max_age:g} s)"
+        return f"readings of {plain(age)} s ago (max_age {self._max_age:g} s)"
 
     def _show_layout(self, frame_id: str) -> None:
         self.frame_id = frame_id

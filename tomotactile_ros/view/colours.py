@@ -10,6 +10,7 @@ from functools import lru_cache
 import numpy as np
 
 from tomotactile_ros.layouts.grid import Grid
+from tomotactile_ros.support.checks import plain
 from tomotactile_ros.view.contact_lines import stand_for_all
 
 OUTSIDE = (60, 60, 60)  # cells outside the outline
@@ -75,7 +76,7 @@ def colour(pressure: np.ndarray, scale: float) -> np.ndarray:
 
 def named(value: float, calibrated: bool) -> str:
     """A pressure, Pa, or without a contact law a conductance, S/m², as people say it."""
-    return f"{value / 1e3:.3g} kPa" if calibrated else f"{value:.3g} S/m²"
+    return f"{plain(value / 1e3)} kPa" if calibrated else f"{plain(value)} S/m²"
 
 
 @lru_cache(maxsize=8)

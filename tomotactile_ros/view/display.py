@@ -37,7 +37,7 @@ class Shot:
     contacts : strongest first.
     scene_time : s since the scene began, of the time for which the contacts hold.
     rate : images/s of late.
-    age : s since the time of the contacts.
+    age : s since the time of the contacts, at least 0.
     reason : why contacts are withheld, if they are.
     image_age : s from the image's frame to the time of the contacts, where these do not wait for images.
     late : how many frames or rows of late were told late or not at all, for people; empty: not known.
@@ -55,6 +55,9 @@ class Shot:
     late: str = ""
     faults: Mapping[int, str] = field(default_factory=dict)
     complete: bool = True
+
+    def __post_init__(self) -> None:
+        self.age = max(self.age, 0.0)  # a recording says before its last row what it has
 
 
 class Display:
