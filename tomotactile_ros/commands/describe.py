@@ -24,6 +24,8 @@ from tomotactile_ros.support.files import read_limited
 _FOOT = 0.005  # m, radius of the contact that a law is shown for
 _FORCES = 1.0, 10.0  # N, of it
 _MOST = 100_000_000  # bytes of a search
+_LENGTHS = "spacing", "margin", "keep_out", "radius_range", "contact_radius", "apart"
+_UNITS = {"noise": "V", "sheet_resistance": "ohm/sq"}
 _LEFT_OUT = ("method", "start", "steps")  # of what a search was asked for: shown before
 
 
@@ -95,8 +97,21 @@ def describe_search(path: Path) -> Iterator[str]:
     yield f"search {method}, from {start}: {done} of {checks.show(asked.get('steps'))} steps done"
     yield f"  best of them: score {plain(score, 4)}, {len(positions)} electrodes"
     for key, value in asked_for.items():
-        yield f"  {key:17} {checks.show(value, 100)}"
+        yield f"  {key:17} {_asked(key, value)}"
     yield "  the same 'tomotactile optimize' with --resume goes on from here"
+
+
+def _asked(key: str, value: object) -> str:
+    """A setting of a search with its unit, lengths in mm."""
+    unit = "mm" if key in _LENGTHS else _UNITS.get(key, "")
+    try:
+        numbers = np.array(value, float) * (1e3 if unit == "mm" else 1.0)
+    except (TypeError, ValueError):
+        return checks.show(value, 100)
+    if not unit or not numbers.size or np.isnan(numbers).any():
+        return checks.show("none" if value in (None, []) else value, 100).strip("'")
+    text = np.array2string(numbers, separator=", ", formatter={"all": lambda x: plain(x, 6)})
+    return f"{' '.join(text.split())} {unit}"
 
 
 def _when(stamp: float) -> str:

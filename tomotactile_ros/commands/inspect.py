@@ -119,6 +119,10 @@ def describe_layout(layout: Layout) -> Iterator[str]:
     if layout.surface.kind != "flat":
         yield f"  surface           {layout.surface.kind}"
     yield f"  outline           {a} x {b}, {plain(layout.outline.area * 1e4, 4)} cm2"
+    for hole in layout.outline.holes:
+        low, high = 1e3 * hole.min(axis=0), 1e3 * hole.max(axis=0)
+        (a, b), (x, y) = high - low, (low + high) / 2
+        yield f"  hole              {plain(a)} mm x {plain(b)} mm at ({plain(x)}, {plain(y)}) mm"
     yield f"  sheet resistance  {layout.sheet_resistance:g} ohm/sq"
     yield f"  electrode radius  {layout.radius * 1e3:g} mm"
     yield f"  nearest pitch     {plain(pitches.min() * 1e3, 4)} to {plain(pitches.max() * 1e3, 4)} mm"
@@ -287,7 +291,8 @@ def _describe_order(content, name):
     means = np.nan_to_num(frames).mean(axis=1)
     highest = means[means.max(axis=1).argmax()]
     if highest.max() < Settings().threshold * Settings().noise:
-        yield "  nothing seems to touch in any frame"
+        alone = "a tare: nothing seems to touch in its one frame"
+        yield f"  {alone if len(frames) == 1 else 'nothing seems to touch in any frame'}"
         return
     text = f"  electrode {highest.argmax()} reads most"
     layout = known_layout(name, None)

@@ -66,6 +66,7 @@ class Layout:
         positions = checks.points(self.positions, "electrodes.positions", least=2)
         object.__setattr__(self, "positions", positions)
         self._check_inside()
+        check_on_sheet(self, self.radius, "electrodes.radius")
         self._check_apart()
         with complaints_at("surface."):
             self.surface.check(self.outline.size)
