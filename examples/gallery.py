@@ -30,8 +30,8 @@ def images(frames, layout):
         yield f"{profile}: pressure / kPa", result.image / 1e3, result.contacts
     paper = tt.Pipeline(layout, tt.Settings("paper", contact_law=frames.contact_law))
     yield "paper: potential / V", paper.process(frame).potential, []
-    yield "greit", tt.greit(voltages, layout, drive), []
-    yield "jac", tt.jac(voltages, layout, drive), []
+    yield "greit: arbitrary units", tt.greit(voltages, layout, drive), []
+    yield "jac: arbitrary units", tt.jac(voltages, layout, drive), []
 
 
 def main() -> None:

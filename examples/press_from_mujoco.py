@@ -6,6 +6,8 @@ Beside the nodes of the sensor, in the same ROS domain:
     ros2 launch tomotactile_ros tactile.launch.py scene:=live profile:=accurate viz:=true
     python3 examples/press_from_mujoco.py
 
+Without `ros2`, the nodes start with `scripts/tomotactile tactile scene:=live profile:=accurate`.
+
 What MuJoCo says of the finger's contacts with the plate, place and normal force, goes to the topic
 `touches`; what the sensor finds comes back on `contacts`, and both are printed side by side. The
 finger is a ball of soft rubber: the radius of its contact is that of Hertz, (3 F R / 4 E*)^(1/3)

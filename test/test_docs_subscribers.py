@@ -30,6 +30,7 @@ int main()
   tomotactile_ros::msg::ContactArray message;
   message.contacts.resize(1);
   message.contacts[0].force = 2;
+  message.contacts[0].id = 3;
   message.contacts[0].position.x = 0.01;
   message.complete = true;
   std::fputs(describe(message).c_str(), stdout);
@@ -64,15 +65,18 @@ def test_contacts_are_written_out(probe, run):
     header = make_header(1.0, "palm")
     known = ContactArray(
         header=header,
-        contacts=[Contact(position=Point(x=0.01, z=0.5), force=2.0)],
+        contacts=[Contact(position=Point(x=0.01, z=0.5), force=2.0, id=3)],
         complete=True,
     )
-    cut = ContactArray(header=header)
+    cut = ContactArray(header=header, contacts=[Contact(force=1.0)])
+    empty = ContactArray(header=header, complete=True)
     withheld = ContactArray(header=header, state=ContactArray.WITHHELD, reason="torn")
-    probe.node.create_timer(0.1, lambda: [*map(publisher.publish, (known, cut, withheld))])
+    probe.node.create_timer(0.1, lambda: [*map(publisher.publish, (known, cut, withheld, empty))])
     feel = run(PYTHON[0])
     for line in (
-        "2.00 N at (0.010, 0.000, 0.500) m in palm",
+        "contact 3: 2.00 N at (0.010, 0.000, 0.500) m in palm",
+        "something: 1.00 N at",
+        "contact 3 was released",
         "cut by the deadline: rough",
         "not known what touches: torn",
     ):
@@ -118,7 +122,7 @@ def test_the_function_in_cpp_says_the_same(tmp_path):
     program = compile_cpp(tmp_path, CPP[0] + MAIN)
     said = subprocess.run([program], check=True, capture_output=True, text=True).stdout
     assert said.splitlines() == [
-        "2.00 N at (0.010, 0.000, 0.000) m",
+        "contact 3: 2.00 N at (0.010, 0.000, 0.000) m",
         "cut by the deadline: rough",
         "not known what touches: torn",
     ]

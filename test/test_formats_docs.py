@@ -39,10 +39,12 @@ def rows(section):
     return {key: [cell.strip() for cell in rest.split("|")] for key, rest in lines}
 
 
-def test_the_layout_loads_and_names_every_part(tmp_path):
+def test_the_layout_loads_and_names_every_part(tmp_path, capsys):
     (tmp_path / "example.yaml").write_text(LAYOUT)
     layout = load_layout(tmp_path / "example.yaml")
     assert layout.outline.holes and layout.surface and layout.provenance
+    assert main(["inspect", str(tmp_path / "example.yaml")]) == 0
+    assert "  hole " in capsys.readouterr().out
     assert rows("Layout")["format"][-1] == f"`{FORMAT}`"
     explained = rows("Layout")["unusual_size"][-1]
     assert f"{1e3 * SMALLEST:g} mm" in explained and f"{LARGEST:g} m" in explained
@@ -175,9 +177,9 @@ def every_file(tmp_path_factory):
         assert main([*map(str, command), "--out", str(out)]) == 0
     grid = load_layout(made["layout"])
     state = Trial(grid.positions, grid.radius, 1.25)
-    Checkpoint(made["state"], {"method": "free", "start": grid.id, "steps": 20}).keep(
-        3, [state], state
-    )
+    Checkpoint(
+        made["state"], {"method": "free", "start": grid.id, "steps": 20, "spacing": 2.2 * 0.0025}
+    ).keep(3, [state], state)
     Tare(grid.id, np.full((16, 16), 0.0021), 32, 1.8e9, "").save(made["kept"])
     return made
 
@@ -188,11 +190,14 @@ def every_file(tmp_path_factory):
         ("layout", ["16 electrodes, rectangle"]),
         ("scene", ["2 N"]),
         ("frames", ["4 frames of 16 ground conditions", "at its stamp + i x 1 ms"]),
-        ("tare", ["1 frame of 16 ground conditions"]),
+        ("tare", ["1 frame of 16 ground conditions", "a tare"]),
         ("sensor", ["sensor learned with layout", "learned from 1 distinct touch", "offsets: "]),
         ("calibration", ["contact law g = ", "10 N on a disc of 5 mm radius: 127 kPa"]),
         ("result", ["last image, peak", "contacts of the last frame"]),
-        ("state", ["search free, from layout#", "3 of 20 steps done", "score 1.25"]),
+        (
+            "state",
+            ["search free, from layout#", "3 of 20 steps done", "score 1.25", "spacing 5.5 mm"],
+        ),
         ("kept", ["mean of 32 frames, 2027-01-15 08:00 UTC", "readings 2.1 to 2.1 mV"]),
     ],
 )

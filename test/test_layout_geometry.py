@@ -38,6 +38,7 @@ def test_every_grid_size_and_shape_makes_a_mirror_symmetric_layout(n, side, aspe
         ({"size": (0.2, -1)}, r"rectangle\[1\]: -1.0 is not a positive length in m"),
         ({"inset": 0.1}, "inset: 0.1 leaves no room"),
         ({"radius": 0.1}, "overlap: 200 mm apart, they need more than 200 mm"),
+        ({"radius": 5}, "a radius of 5 m is wider than the sheet: .* was 5 mm meant"),
         ({"radius": float("nan")}, "electrodes.radius: nan is not a finite length"),
     ],
 )

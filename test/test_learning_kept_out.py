@@ -95,4 +95,4 @@ def test_the_report_says_how_well_touches_are_predicted():
     kept = judged(touches(np.random.default_rng(1), 20, GROUPS["places of electrodes"]))
     said = "\n".join(lines(Learned(START, OPERATOR, kept_out=kept)))
     assert "touches predicted from the others" in said
-    assert "left out, since touches are likelier without: places of electrodes" in said
+    assert "not kept, as other touches are predicted better without: places of electrodes" in said

@@ -51,11 +51,11 @@ def test_a_trouble_is_logged_when_it_begins_changes_its_level_and_ends():
     conditions.say([MOST_LOST, Trouble("dead", False, "dead: 5, 6", which="5, 6")])
     assert log.new() == [("ERROR", "50 % are lost"), ("WARN", "dead: 5, 6")]
     conditions.say([MOST_LOST])
-    assert log.new() == [("INFO", "over: dead: 5, 6")]
+    assert log.new() == [("INFO", "no longer the case: dead: 5, 6")]
     conditions.say([LOST])
     assert log.new() == [("WARN", "5 % are lost")]
     conditions.say([])
-    assert log.new() == [("INFO", "over: 5 % are lost")]
+    assert log.new() == [("INFO", "no longer the case: 5 % are lost")]
 
 
 class Clock:
@@ -159,4 +159,4 @@ def test_troubles_of_a_stream_are_logged_apart_and_not_over_when_the_line_is_dea
     assert level == "ERROR" and "50 % are lost" in text
     part._device.now = Status("streaming", "fine")
     part.report()
-    assert part._log.new() == [("INFO", "over: 50 % are lost")]
+    assert part._log.new() == [("INFO", "no longer the case: 50 % are lost")]

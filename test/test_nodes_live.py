@@ -95,6 +95,20 @@ def test_bad_arguments_end_with_status_2_before_anything_starts(words, reason, c
     assert reason in line
 
 
+@pytest.mark.parametrize("option", ["layout", "scene", "profile"])
+def test_defaults_are_said_as_by_the_command_run(option, capsys):
+    from tomotactile_ros import cli
+    from tomotactile_ros.nodes import live
+
+    said = []
+    for show in (lambda: live.main(["--help"]), lambda: cli.main(["run", "--help"])):
+        with pytest.raises(SystemExit):
+            show()
+        text = " ".join(capsys.readouterr().out.split("options:")[1].split())
+        said.append(re.search(rf"--{option} .*?(default: [\w-]+)", text).group(1))
+    assert said[0] == said[1]
+
+
 def test_a_child_that_ignores_polite_signals_is_ended(monkeypatch):
     monkeypatch.setattr("tomotactile_ros.support.processes._PATIENCE", 0.2)
     stubborn = "trap '' INT TERM; echo ready; while :; do sleep 0.05; done"

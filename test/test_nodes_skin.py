@@ -1,8 +1,10 @@
 """Several sensors: in one process, and their contacts as one list in a robot's frame."""
 
 import itertools
+import re
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -21,6 +23,7 @@ from tomotactile_ros.nodes.running import PlainNode
 from tomotactile_ros.nodes.skin import SkinPart, check_contacts
 from tomotactile_ros.support.errors import InputError
 
+DOCS = Path(__file__).resolve().parent.parent / "docs" / "robots.md"
 POSES = """
 format: tomotactile-poses/1
 frame_id: base_link
@@ -57,7 +60,7 @@ class Sensor:
 
     def _publish(self):
         header = make_header(self._begin + 0.05 * next(self._numbers), self._frame_id)
-        message = ContactArray(header=header, contacts=[self._contact])
+        message = ContactArray(header=header, contacts=[self._contact], complete=True)
         for key, value in self._changes.items():
             setattr(message, key, value)
         self._publisher.publish(message)
@@ -116,6 +119,17 @@ def test_a_sensor_whose_contacts_are_withheld_or_nowhere_is_named(probe, start, 
     left.timer.cancel()
     right.timer.cancel()
     merged(probe, lambda m: m.reason.count("no contacts for") == 2)
+
+
+def test_a_sensor_whose_frames_are_cut_makes_the_list_incomplete(probe, start, poses):
+    cut, _ = (
+        Sensor(probe, "left", "left_link", complete=False),
+        Sensor(probe, "right", "right_link"),
+    )
+    start("skin", {"sensors": "[left, right]", "poses": poses})
+    merged(probe, lambda m: len(m.contacts) == 2 and not m.complete)
+    cut._changes = {}
+    merged(probe, lambda m: len(m.contacts) == 2 and m.complete)
 
 
 def test_contacts_that_nobody_vouches_for_are_none(probe, start, poses):
@@ -263,10 +277,8 @@ def test_two_sensors_in_one_process_have_their_own_parameters_and_topics(
     probe, start, scene, tmp_path
 ):
     file = tmp_path / "two.yaml"
-    file.write_text(
-        f"/left/driver: {{ros__parameters: {{scene: {scene}, frame_id: left_link}}}}\n"
-        "/right/**: {ros__parameters: {layout: equal-4x4, scene: idle, frame_id: right_link}}\n"
-    )
+    (given,) = re.findall(r"```yaml\n(/left.*?)```", DOCS.read_text("utf-8"), re.DOTALL)
+    file.write_text(given.replace("scene: tap", f"scene: {scene}"))
     sensors = start("sensors", {"sensors": "[left, right]"}, files=[file])
     ros_checks.check_contact(probe, "/left")
     idle = probe.wait_for(ContactArray, "/right/contacts")

@@ -52,6 +52,7 @@ def test_a_simulated_sensor_lives_in_simulated_time(probe, start, scene):
     ros_checks.check_diagnostics(
         probe, "driver: device", DiagnosticStatus.ERROR, "nobody publishes /clock"
     )
+    assert max(line.count("/clock") for line in sensor.output.splitlines()) == 1
     assert not heard["voltage_frame"] and not heard["voltage_rows"]
     clock.pace = 0.1
 
@@ -95,6 +96,8 @@ def test_nothing_grows_old_while_a_slow_simulation_goes_on(probe, start, scene):
     clock.pace = 0.0
     probe.until(lambda: heard[-1].state == ContactArray.STALE, "contacts that are taken back")
     assert "no contacts for" in heard[-1].reason
+    still = DiagnosticStatus.ERROR, "simulated time stands still"
+    ros_checks.check_diagnostics(probe, "reconstruction: reconstruction", *still)
     ends_cleanly(sensor)
 
 

@@ -20,9 +20,10 @@ from tomotactile_ros.view.colours import (
     palette,
     round_up,
 )
-from tomotactile_ros.view.contact_lines import contact_lines, pair
+from tomotactile_ros.view.contact_lines import contact_lines, numbers_of, pair
 from tomotactile_ros.view.display import Display, Shot
 from tomotactile_ros.view.figure import plot, save_pressure
+from tomotactile_ros.view.page_parts import table_of
 from tomotactile_ros.view.terminal import picture
 from tomotactile_ros.view.trails import Trails
 
@@ -110,6 +111,28 @@ def test_contacts_are_paired_with_the_nearest_truth():
     bare = [{"x": 0.0, "y": 0.07, "force": None, "pressure": None}]
     assert contact_lines([here], bare)[0].endswith("  off by  0.0 mm")
     assert contact_lines([], None) == contact_lines([], []) == ["no contact"]
+
+
+def test_what_stands_for_all_of_a_frame_that_was_cut_has_no_number_and_is_off_by_nothing():
+    truth = [{"x": x, "y": 0.07, "force": 1.0, "pressure": 1e4} for x in (0.09, 0.01)]
+    (line,) = contact_lines([UPPER_RIGHT], truth, complete=False)
+    assert line == "something presses about ( +50.0,  +70.0) mm  about  2.00 N"
+    assert line in table_of([UPPER_RIGHT], truth, True, complete=False)
+    assert numbers_of([UPPER_RIGHT], complete=False) == [0]
+    assert numbers_of([UPPER_RIGHT] * 2, complete=False) == [1, 2]  # each of them was found
+    followed = SimpleNamespace(**{**vars(UPPER_RIGHT), "id": 7})
+    assert contact_lines([followed], truth, complete=False)[0].startswith("contact 7: ")
+    image = pressed(UPPER_RIGHT)
+    cut = Result(
+        image, image, [ContactEstimate(**vars(UPPER_RIGHT))], (), False, 0.0, complete=False
+    )
+    assert "something presses" in plot(cut, LAYOUT).get_supxlabel()
+    overlay, nothing = Overlay(GRID, 4, LAYOUT.positions, LAYOUT.radius), np.zeros((40, 40, 3))
+    whole, broken = (
+        (overlay.draw(nothing.astype(np.uint8), [UPPER_RIGHT], False, c) > 0).sum()
+        for c in (True, False)
+    )
+    assert 0.3 < broken / whole < 0.7
 
 
 def test_without_a_contact_law_no_force_is_invented(capsys, tmp_path):

@@ -42,7 +42,12 @@ def main(argv: list[str] | None = None) -> int:
     sys.stdout.reconfigure(errors="replace")  # type: ignore[union-attr] # a terminal that knows no µ or · shows a ?
     # blocks of a hundred unknowns: threads of the linear algebra only wait for each other
     os.environ.setdefault("OMP_NUM_THREADS", "1")
-    parser = Parser(prog="tomotactile", description=__doc__)
+    nodes = os.environ.get(
+        "TOMOTACTILE_NODES", ""
+    )  # of scripts/tomotactile, which starts them as well
+    also = f"nodes, each with a --help of its own: {nodes}" if nodes else ""
+    parser = Parser(prog="tomotactile", description=__doc__, epilog=also)
+    parser.also = f"; {also}" if also else ""
     parser.add_argument("--version", action="version", version=f"tomotactile {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     for name in _wanted(sys.argv[1:] if argv is None else argv):

@@ -24,6 +24,7 @@ from tomotactile_ros.layouts.layout_ids import matches, note_bare
 from tomotactile_ros.scenes.contact import ContactLaw
 from tomotactile_ros.scenes.scene import Scene
 from tomotactile_ros.support import checks
+from tomotactile_ros.support.checks import plain
 from tomotactile_ros.support.errors import InputError, complaints_at
 from tomotactile_ros.support.files import open_regular, write_atomic
 
@@ -350,8 +351,8 @@ def _check_times(path: str | os.PathLike, stamps: np.ndarray | None, lasts: floa
     if not (steps > 0).any() or lasts <= _OVERLONG * (step := np.median(steps[steps > 0])):
         return
     raise InputError(
-        f"{path}: row_period: the rows of a frame would take {lasts:.3g} s, and frames follow one another "
-        f"after {step:.3g} s: row_period and stamps are in s"
+        f"{path}: row_period: the rows of a frame would take {plain(lasts)} s, and frames follow one another "
+        f"after {plain(step)} s: row_period and stamps are in s"
     )
 
 
@@ -373,7 +374,7 @@ def doubt_of(stamps: np.ndarray) -> str:
     if not falls.size:
         return ""
     first = int(falls[0])
-    how = f"{-steps[first]:.3g} s before" if steps[first] < 0 else "at the time of"
+    how = f"{plain(-steps[first])} s before" if steps[first] < 0 else "at the time of"
     return (
         f"stamps: {falls.size} of {len(stamps)} frames are not later than the one before, the first "
         f"is frame {first + 1}, {how} frame {first}; ids and ages of "

@@ -29,12 +29,14 @@ class Member:
     arrival : of its last contacts, s; None before the first.
     complaint : why its contacts are not known; empty where they are.
     contacts : in the skin's frame, of whatever kind.
+    complete : whether all was tried to find them.
     force, torque : (3,) of these contacts, N and N m, in the skin's frame.
     """
 
     arrival: float | None = None
     complaint: str = ""
     contacts: list = field(default_factory=list)
+    complete: bool = True
     force: np.ndarray = field(default_factory=lambda: np.full(3, np.nan))
     torque: np.ndarray = field(default_factory=lambda: np.full(3, np.nan))
 

@@ -18,6 +18,7 @@ from tomotactile_ros.reconstruction.calibration import (
 from tomotactile_ros.reconstruction.mistakes import refuse_mistakes
 from tomotactile_ros.reconstruction.settings import Settings
 from tomotactile_ros.support import checks
+from tomotactile_ros.support.checks import plain
 from tomotactile_ros.support.errors import InputError, complaints_at
 from tomotactile_ros.support.files import YAML, check_out, check_picture
 from tomotactile_ros.view.calibration import save_fit
@@ -62,7 +63,9 @@ def run(args: Namespace) -> None:
         recorded = load_recording(path, layout, topic=args.topic)
         force = _true_force(path, recorded.truth) if force is None else force
         conductance, area = _measure(path, layout, recorded, sensor, args.foot_radius)
-        print(f"{path}: {force:.3g} N, {1e6 * conductance:.4g} uS over {1e6 * area:.3g} mm^2")
+        print(
+            f"{path}: {plain(force)} N, {plain(1e6 * conductance, 4)} uS over {plain(1e6 * area)} mm^2"
+        )
         forces.append(force)
         conductances.append(conductance)
         areas.append(area)

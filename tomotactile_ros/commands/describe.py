@@ -17,12 +17,15 @@ from tomotactile_ros.optimizer.checkpoint import FORMAT as SEARCH_FORMAT
 from tomotactile_ros.reconstruction.calibration import load_calibration
 from tomotactile_ros.reconstruction.tare_file import load_tare
 from tomotactile_ros.support import checks
+from tomotactile_ros.support.checks import plain
 from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.support.files import read_limited
 
 _FOOT = 0.005  # m, radius of the contact that a law is shown for
 _FORCES = 1.0, 10.0  # N, of it
 _MOST = 100_000_000  # bytes of a search
+_LENGTHS = "spacing", "margin", "keep_out", "radius_range", "contact_radius", "apart"
+_UNITS = {"noise": "V", "sheet_resistance": "ohm/sq"}
 _LEFT_OUT = ("method", "start", "steps")  # of what a search was asked for: shown before
 
 
@@ -60,8 +63,8 @@ def describe_calibration(path: Path) -> Iterator[str]:
     for force in _FORCES:
         conductance = area * float(law.conductance(force / area))
         yield (
-            f"  {force:g} N on a disc of {1e3 * _FOOT:g} mm radius: {force / area / 1e3:.3g} kPa, "
-            f"{1e3 * conductance:.3g} mS"
+            f"  {force:g} N on a disc of {1e3 * _FOOT:g} mm radius: {plain(force / area / 1e3)} kPa, "
+            f"{plain(1e3 * conductance)} mS"
         )
 
 
@@ -72,7 +75,7 @@ def describe_tare(path: Path, arrays: Mapping[str, np.ndarray]) -> Iterator[str]
     valid = 1e3 * tare.baseline[np.isfinite(tare.baseline)]
     yield f"tare of {layout_id}: mean of {tare.frames} frames, {_when(tare.stamp)}"
     if valid.size:
-        yield f"  readings {valid.min():.3g} to {valid.max():.3g} mV, median {np.median(valid):.3g} mV"
+        yield f"  readings {plain(valid.min())} to {plain(valid.max())} mV, median {plain(np.median(valid))} mV"
 
 
 def describe_search(path: Path) -> Iterator[str]:
@@ -92,10 +95,23 @@ def describe_search(path: Path) -> Iterator[str]:
         raise InputError(f"{path}: format: {checks.show(kind)} is not {SEARCH_FORMAT}")
     method, start = (checks.show(asked.get(key)).strip("'") for key in ("method", "start"))
     yield f"search {method}, from {start}: {done} of {checks.show(asked.get('steps'))} steps done"
-    yield f"  best of them: score {score:.4g}, {len(positions)} electrodes"
+    yield f"  best of them: score {plain(score, 4)}, {len(positions)} electrodes"
     for key, value in asked_for.items():
-        yield f"  {key:17} {checks.show(value, 100)}"
+        yield f"  {key:17} {_asked(key, value)}"
     yield "  the same 'tomotactile optimize' with --resume goes on from here"
+
+
+def _asked(key: str, value: object) -> str:
+    """A setting of a search with its unit, lengths in mm."""
+    unit = "mm" if key in _LENGTHS else _UNITS.get(key, "")
+    try:
+        numbers = np.array(value, float) * (1e3 if unit == "mm" else 1.0)
+    except (TypeError, ValueError):
+        return checks.show(value, 100)
+    if not unit or not numbers.size or np.isnan(numbers).any():
+        return checks.show("none" if value in (None, []) else value, 100).strip("'")
+    text = np.array2string(numbers, separator=", ", formatter={"all": lambda x: plain(x, 6)})
+    return f"{' '.join(text.split())} {unit}"
 
 
 def _when(stamp: float) -> str:

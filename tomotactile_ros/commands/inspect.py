@@ -36,7 +36,7 @@ from tomotactile_ros.scenes.course import course_to_dict
 from tomotactile_ros.scenes.defects import named_defects
 from tomotactile_ros.scenes.scene import FORMAT as SCENE_FORMAT
 from tomotactile_ros.scenes.scene import load_scene
-from tomotactile_ros.support.checks import show
+from tomotactile_ros.support.checks import plain, show
 from tomotactile_ros.support.errors import InputError, printable
 from tomotactile_ros.support.files import find_config
 from tomotactile_ros.support.yamlio import read_mapping
@@ -118,10 +118,14 @@ def describe_layout(layout: Layout) -> Iterator[str]:
     yield f"  id                {layout.id}"
     if layout.surface.kind != "flat":
         yield f"  surface           {layout.surface.kind}"
-    yield f"  outline           {a} x {b}, {layout.outline.area * 1e4:.4g} cm2"
+    yield f"  outline           {a} x {b}, {plain(layout.outline.area * 1e4, 4)} cm2"
+    for hole in layout.outline.holes:
+        low, high = 1e3 * hole.min(axis=0), 1e3 * hole.max(axis=0)
+        (a, b), (x, y) = high - low, (low + high) / 2
+        yield f"  hole              {plain(a)} mm x {plain(b)} mm at ({plain(x)}, {plain(y)}) mm"
     yield f"  sheet resistance  {layout.sheet_resistance:g} ohm/sq"
     yield f"  electrode radius  {layout.radius * 1e3:g} mm"
-    yield f"  nearest pitch     {pitches.min() * 1e3:.4g} to {pitches.max() * 1e3:.4g} mm"
+    yield f"  nearest pitch     {plain(pitches.min() * 1e3, 4)} to {plain(pitches.max() * 1e3, 4)} mm"
     for key, value in layout.tolerance.to_dict().items():
         said = f"{100 * value:g} %" if key == "radius" else f"{1e3 * value:g} mm"
         yield f"  {f'tolerance, {key}':17} {said}"
@@ -171,21 +175,25 @@ def _more(entries: Sized) -> Iterator[str]:
 
 def _describe_contact(contact: Contact):
     x, y = contact.centroid * 1e3
-    text = f"{contact.shape} at ({x:.4g}, {y:.4g}) mm, {contact.area * 1e6:.4g} mm2"
+    text = (
+        f"{contact.shape} at ({plain(x, 4)}, {plain(y, 4)}) mm, {plain(contact.area * 1e6, 4)} mm2"
+    )
     if contact.mean_pressure is None or contact.total_force is None:
         text += ", bare conductor"
     else:
-        text += f", {contact.mean_pressure / 1e3:.4g} kPa, {contact.total_force:.3g} N"
+        text += f", {plain(contact.mean_pressure / 1e3, 4)} kPa, {plain(contact.total_force)} N"
     if contact.profile != "even":
         text += f", profile {contact.profile}"
     if contact.course is not None:
         text += f", {_short(course_to_dict(contact.course))}"
     if contact.path is not None:
         round_ = "round and round" if contact.loop else "and stays"
-        text += f", along {len(contact.path)} way points at {contact.speed * 1e3:.3g} mm/s {round_}"
+        text += (
+            f", along {len(contact.path)} way points at {plain(contact.speed * 1e3)} mm/s {round_}"
+        )
     elif contact.moves:
         vx, vy = contact.velocity * 1e3
-        text += f", moves at ({vx:.3g}, {vy:.3g}) mm/s"
+        text += f", moves at ({plain(vx)}, {plain(vy)}) mm/s"
     until = f" to {contact.end:g}" if np.isfinite(contact.end) else ""
     return text + (f", from {contact.start:g}{until} s" if contact.start or until else "")
 
@@ -227,11 +235,11 @@ def _describe_frames(path, content, layout):
     if _is_stack(content.get("conductance")):
         last = content["conductance"][-1]
         yield "  no contact law: forces and pressures are not known"
-        yield f"  last image, peak {np.nanmax(last, initial=0.0):.4g} S/m2, +y up:"
+        yield f"  last image, peak {plain(np.nanmax(last, initial=0.0), 4)} S/m2, +y up:"
         yield from _shade(last)
     elif _is_stack(content.get("pressure")):
         last = content["pressure"][-1]
-        yield f"  last image, peak {np.nanmax(last, initial=0.0) / 1e3:.4g} kPa, +y up:"
+        yield f"  last image, peak {plain(np.nanmax(last, initial=0.0) / 1e3, 4)} kPa, +y up:"
         yield from _shade(last)
     for key in ("truth", "contacts"):
         if key in content:
@@ -255,7 +263,7 @@ def _row_times(row_period):
     (period,) = np.ravel(row_period)[:1]
     if not isinstance(period, np.number) or not np.isreal(period):
         return f"row_period: {show(period)} is no number"
-    return f"row i of a frame at its stamp + i x {1e3 * float(period):.4g} ms"
+    return f"row i of a frame at its stamp + i x {plain(1e3 * float(period), 4)} ms"
 
 
 def _is_stack(array):
@@ -268,7 +276,7 @@ def _describe_voltages(voltages):
     dead = np.flatnonzero(~valid.any(axis=(0, 1)))
     yield f"  {count(len(voltages), 'frame')} of {voltages.shape[1]} ground conditions"
     if valid.any():
-        yield f"  readings {np.nanmin(voltages):.4g} to {np.nanmax(voltages):.4g} V"
+        yield f"  readings {plain(np.nanmin(voltages), 4)} to {plain(np.nanmax(voltages), 4)} V"
     else:
         yield "  no valid reading"
     yield f"  electrodes without a reading: {', '.join(map(str, dead)) or 'none'}"
@@ -283,7 +291,8 @@ def _describe_order(content, name):
     means = np.nan_to_num(frames).mean(axis=1)
     highest = means[means.max(axis=1).argmax()]
     if highest.max() < Settings().threshold * Settings().noise:
-        yield "  nothing seems to touch in any frame"
+        alone = "a tare: nothing seems to touch in its one frame"
+        yield f"  {alone if len(frames) == 1 else 'nothing seems to touch in any frame'}"
         return
     text = f"  electrode {highest.argmax()} reads most"
     layout = known_layout(name, None)
@@ -308,7 +317,7 @@ def _describe_contacts(key, frames):
     for contact in last:
         x_y = f"({contact['x'] * 1e3:.1f}, {contact['y'] * 1e3:.1f}) mm"
         place = _deviation(contact.get("position_std"), 1e3, "mm")
-        force = "" if contact["force"] is None else f", {contact['force']:.3g} N"
+        force = "" if contact["force"] is None else f", {plain(contact['force'])} N"
         yield f"    {x_y}{place}{force}{force and _deviation(contact.get('force_std'), 1.0, 'N')}"
 
 
@@ -316,7 +325,7 @@ def _deviation(value, scale, unit):
     """What a result says of how sure something is; nothing of the truth of a simulated frame."""
     if value is None or not np.isfinite(value):
         return ""
-    return f" ± {value * scale:.2g} {unit}"
+    return f" ± {plain(value * scale, 2)} {unit}"
 
 
 def _shade(image):

@@ -35,6 +35,7 @@ from tomotactile_ros.reconstruction.settings import (
 from tomotactile_ros.scenes.contact_law import ContactLaw
 from tomotactile_ros.sheet import MODELS
 from tomotactile_ros.simulation import ROW_PERIOD
+from tomotactile_ros.support.checks import plain
 from tomotactile_ros.support.errors import complaints_at
 from tomotactile_ros.support.files import check_out
 from tomotactile_ros.support.npz_writer import npz_writer
@@ -196,7 +197,7 @@ def stamps_of_recording(recorded) -> tuple[np.ndarray, str]:
         return stamps, doubt_of(stamps)
     lasts = len(recorded.grounded) * (recorded.row_period or ROW_PERIOD)
     frames = np.arange(len(recorded.voltages)) * lasts
-    return frames, f"no stamps: times count from 0, a frame every {1e3 * lasts:.4g} ms"
+    return frames, f"no stamps: times count from 0, a frame every {plain(1e3 * lasts, 4)} ms"
 
 
 @contextmanager

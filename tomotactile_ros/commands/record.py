@@ -14,6 +14,7 @@ from tomotactile_ros.commands.device_options import (
 )
 from tomotactile_ros.devices.recording import save_recording
 from tomotactile_ros.layouts.layout import load_layout
+from tomotactile_ros.support.checks import plain
 from tomotactile_ros.support.command_line import positive
 from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.support.files import check_out
@@ -46,7 +47,7 @@ def run(args: Namespace) -> None:
     if args.out:
         save_recording(args.out, layout, frames, scene.contact_law if scene else None)
     span = frames[-1].stamp - frames[0].stamp
-    rate = f", {(len(frames) - 1) / span:.3g} per second" if span > 0 else ""
+    rate = f", {plain((len(frames) - 1) / span)} per second" if span > 0 else ""
     lost = frames[-1].sequence - frames[0].sequence + 1 - len(frames)
     print(
         f"{' and '.join(filter(None, (args.out, args.raw)))}: {len(frames)} frames of {layout.name} from {source_of(args)}{rate}"

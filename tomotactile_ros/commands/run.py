@@ -110,6 +110,7 @@ def shots(stream: FrameStream, pipeline: Pipeline, duration: float | None):
             reason=result.reason,
             late=late_of(late, total, "frames"),
             faults=result.faults,
+            complete=result.complete,
         )
         if duration and arrivals[-1] - first[1] >= duration:
             return

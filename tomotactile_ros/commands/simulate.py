@@ -12,6 +12,7 @@ from tomotactile_ros.scenes.scene import load_scene
 from tomotactile_ros.sheet import MODELS
 from tomotactile_ros.simulation import ROW_PERIOD, Simulator
 from tomotactile_ros.support import checks, memory
+from tomotactile_ros.support.checks import plain
 from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.support.files import check_out
 from tomotactile_ros.support.progress import track
@@ -51,10 +52,10 @@ def run(args: Namespace) -> None:
         [simulator.frame(t, n) for n, t in enumerate(track(stamps, "simulating frames"))]
     )
     save_frames(args.out, layout, scene, voltages, simulator.grounded, stamps, row_period)
-    rows = f"rows {1e3 * row_period:.3g} ms apart" if row_period else "rows all at once"
+    rows = f"rows {plain(1e3 * row_period)} ms apart" if row_period else "rows all at once"
     print(
         f"{args.out}: {args.frames} frames of {layout.name} under {scene.name}, "
-        f"{rate:.3g} per second, {rows}, by model {simulator.model}"
+        f"{plain(rate)} per second, {rows}, by model {simulator.model}"
     )
 
 

@@ -20,6 +20,7 @@ from tomotactile_ros.devices import protocol
 from tomotactile_ros.devices.line import Line, LineFault
 from tomotactile_ros.devices.probe import PAUSE, Broken, Probe, Untried, name_of
 from tomotactile_ros.devices.text import READ_AS, is_text
+from tomotactile_ros.support.checks import plain
 
 ANSWER_TIME = 0.1
 CLOCK_PPM = 1000.0
@@ -215,8 +216,8 @@ def the_rate_is_kept(trial: Trial) -> str:
     step = np.median([b[0].frame_time - a[0].frame_time for a, b in pairwise(frames)])
     found = 1e6 / step if step > 0 else math.inf
     if abs(found / trial.rate - 1) > 0.01:
-        raise Broken(f"{found:.4g} frames/s, the device announced {trial.rate:.4g}")
-    return f"{found:.4g} frames/s"
+        raise Broken(f"{plain(found, 4)} frames/s, the device announced {plain(trial.rate, 4)}")
+    return f"{plain(found, 4)} frames/s"
 
 
 def readings_make_sense(trial: Trial) -> str:
@@ -231,7 +232,9 @@ def readings_make_sense(trial: Trial) -> str:
             raise Broken(f"a reading of {valid.max()} of {i.adc_bits} bits")
     span = rows[0].scale * 2 ** min(i.adc_bits, 16)
     if not 0.99 < span / (i.range - i.lowest) < 1.01:
-        raise Broken(f"scale x 2^bits is {span:.4g} V, the range {i.range - i.lowest:.4g} V")
+        raise Broken(
+            f"scale x 2^bits is {plain(span, 4)} V, the range {plain(i.range - i.lowest, 4)} V"
+        )
     own = {
         int(protocol.unpack_counts(row.readings)[row.grounded]) == protocol.NO_READING
         for row in rows
@@ -387,7 +390,7 @@ def an_order_is_followed(trial: Trial) -> str:
     told = trial.rate * trial.rows / len(order)
     if abs(ack.rate / told - 1) > 0.02 and ack.rate * len(order) < 0.98 * i.max_row_rate:
         raise Broken(f"{ack.rate:g} frames/s; at the same time per row it would be {told:g}")
-    return f"{len(order)} rows, {ack.rate:.4g} frames/s"
+    return f"{len(order)} rows, {plain(ack.rate, 4)} frames/s"
 
 
 def the_own_order_comes_back(trial: Trial) -> None:
@@ -438,7 +441,7 @@ def signs_of_life_are_answered(trial: Trial) -> str:
     if not first.streaming:
         raise Broken("STATUS says that it does not stream")
     if abs(passed - (probe.now() - begin)) > 0.2:
-        raise Broken(f"{passed:.3g} s of device time pass in {probe.now() - begin:.3g} s")
+        raise Broken(f"{plain(passed)} s of device time pass in {plain(probe.now() - begin)} s")
     if math.isnan(second.temperature):
         return "no temperature"
     return f"{second.temperature:.1f} °C"

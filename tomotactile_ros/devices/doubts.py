@@ -10,6 +10,7 @@ import numpy as np
 
 from tomotactile_ros.devices.assembly import RowsOfFrame
 from tomotactile_ros.devices.health import Recent, Trouble
+from tomotactile_ros.support.checks import plain
 
 FRAMES, MORE = 3.0, 1.0  # a row ends within so many frames and so many s behind its frame's begin
 OFTEN = 0.1  # of the frames
@@ -86,7 +87,7 @@ class Doubts:
             found.append(Trouble("anew", anew >= TOO_OFTEN, text))
         if waited:
             text = (
-                f"frames had waited {self._delay:.2g} s on the line, unseen by their times, and were thrown "
+                f"frames had waited {plain(self._delay, 2)} s on the line, unseen by their times, and were thrown "
                 "away: the line is a little slower than the sensor (lower its rate), or its clock is fast"
             )
             found.append(Trouble("delay", False, text))

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tomotactile_ros.support.checks import plain
+
 
 class DeadChannels:
     """Finds electrodes whose readings do not take part in what happens on the sheet.
@@ -163,7 +165,7 @@ class Health:
         found = []
         seen, span = self._rate()
         if span > 0.5 * self.RATE_WINDOW and seen < self.REACHED * wanted:
-            text = f"{seen:.3g} frames/s arrive, {wanted:.4g} are wanted"
+            text = f"{plain(seen)} frames/s arrive, {plain(wanted, 4)} are wanted"
             found.append(Trouble("rate", False, text))
         share = lost / max(delivered + lost, 1.0)
         if share > self.LOSS:
@@ -171,7 +173,7 @@ class Health:
             found.append(Trouble("loss", share > self.SERIOUS_LOSS, text))
         if above > self.OFTEN * delivered:
             text = (
-                f"readings up to {self._highest:.4g} V are above the drive voltage: their unit (protocol), "
+                f"readings up to {plain(self._highest, 4)} V are above the drive voltage: their unit (protocol), "
                 "or scale, range or drive voltage of the device are wrong"
             )
             found.append(Trouble("above drive", True, text))
@@ -179,12 +181,12 @@ class Health:
             found.append(Trouble("no reading", True, "no electrode gives a valid reading"))
         if flat > self.OFTEN * delivered:
             text = (
-                f"all readings are the same, {self._highest:.3g} V: the converter stands still, "
+                f"all readings are the same, {plain(self._highest)} V: the converter stands still, "
                 "or no electrode is grounded"
             )
             found.append(Trouble("all the same", True, text))
         if refused:
-            text = f"what takes the frames failed on {refused:.0f} of them: {self.callback_error}"
+            text = f"{refused:.0f} of the frames could not be handed on: {self.callback_error}"
             found.append(Trouble("receiver", refused > self.OFTEN * delivered, text))
         return found
 
@@ -201,7 +203,7 @@ class Health:
     def stale_note(self, limit: float) -> str:
         """What is to be said of frames that were older than `limit`, s."""
         return (
-            f"frames are {self._stale_age:.2g} s old and not published (max_age {limit:g} s, "
+            f"frames are {plain(self._stale_age, 2)} s old and not published (max_age {limit:g} s, "
             f"{self._stale} so far): line or host are slower than the sensor, lower its rate"
         )
 

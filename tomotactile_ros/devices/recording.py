@@ -29,6 +29,7 @@ from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.layouts.layout_ids import matches, note_bare
 from tomotactile_ros.scenes.contact_law import ContactLaw
 from tomotactile_ros.support import checks
+from tomotactile_ros.support.checks import plain
 from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.support.npz_writer import npz_writer
 
@@ -203,7 +204,7 @@ def check_unit(place: str, frames: Iterable[np.ndarray], drive_voltage: float) -
     else:
         meant = "are they in V?"
     raise InputError(
-        f"{place}voltages: readings up to {highest:.4g} V at a drive voltage of {drive_voltage:g} V: "
+        f"{place}voltages: readings up to {plain(highest, 4)} V at a drive voltage of {drive_voltage:g} V: "
         f"{meant}"
     )
 

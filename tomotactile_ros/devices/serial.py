@@ -26,6 +26,7 @@ from tomotactile_ros.devices.health import Trouble
 from tomotactile_ros.devices.line import Line, LineFault, open_line
 from tomotactile_ros.devices.line_device import SILENCE, SILENT_FRAMES, LineDevice
 from tomotactile_ros.devices.world import Settings, World
+from tomotactile_ros.support.checks import plain
 
 RATE_TOLERANCE = 1.5
 LATE_PERIOD, LATE_BUT_USED = 2.0, 60.0
@@ -159,7 +160,7 @@ class SerialDevice(LineDevice):
             found.append(Trouble("capture", False, self._world.trouble))
         seen = self.health.counters()["rate_seen"]
         if 0 < RATE_TOLERANCE * self._device_rate < seen:
-            text = f"sends {seen:.4g} frames/s instead of {self._device_rate:.4g}"
+            text = f"sends {plain(seen, 4)} frames/s instead of {plain(self._device_rate, 4)}"
             found.append(Trouble("rate", False, text))
         return found
 

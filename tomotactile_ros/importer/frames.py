@@ -26,6 +26,7 @@ from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.reconstruction.mistakes import are_exchanged, refuse_mistakes
 from tomotactile_ros.reconstruction.settings import Settings
 from tomotactile_ros.support import checks
+from tomotactile_ros.support.checks import plain
 from tomotactile_ros.support.errors import InputError, complaints_at
 
 _SHOWN = 16  # electrodes of a list
@@ -208,7 +209,9 @@ def _times(
     period = (
         0.0 if row_period is None else checks.not_negative(row_period, "row_period", "time in s")
     )
-    rows_told = f"{1e3 * period:.4g} ms apart" if period else "taken for all at once (--row-period)"
+    rows_told = (
+        f"{plain(1e3 * period, 4)} ms apart" if period else "taken for all at once (--row-period)"
+    )
     told = (
         "of unknown times (--rate)"
         if stamps is None

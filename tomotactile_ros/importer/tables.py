@@ -18,6 +18,7 @@ from tomotactile_ros.devices.bag import read_arrays
 from tomotactile_ros.devices.recording import BAGS
 from tomotactile_ros.frames_file import MAX_BYTES, load_arrays
 from tomotactile_ros.support import checks
+from tomotactile_ros.support.checks import plain
 from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.support.files import open_regular, read_limited
 
@@ -186,7 +187,7 @@ def _matlab(path: Path) -> dict[str, object]:
         size = sum(8 * float(np.prod(shape)) for _, shape, _ in io.whosmat(path))
         if size > MAX_BYTES:
             raise InputError(
-                f"{path}: its arrays have {size / 1e6:.4g} MB, at most {MAX_BYTES / 1e6:g}"
+                f"{path}: its arrays have {plain(size / 1e6, 4)} MB, at most {MAX_BYTES / 1e6:g}"
             )
         found = io.loadmat(path, struct_as_record=True)
     except NotImplementedError:

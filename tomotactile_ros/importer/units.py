@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from tomotactile_ros.support import checks
+from tomotactile_ros.support.checks import plain
 from tomotactile_ros.support.errors import InputError
 
 UNITS = ("V", "mV", "uV", "counts")
@@ -42,7 +43,8 @@ def in_volts(
     if unit not in UNITS:
         raise InputError(f"unit: {checks.show(unit)} is none of {', '.join(UNITS)}")
     if unit != "counts":
-        return values * _SCALES[unit], f"unit {unit} ({how}), readings up to {highest:.4g} {unit}"
+        told = f"unit {unit} ({how}), readings up to {plain(highest, 4)} {unit}"
+        return values * _SCALES[unit], told
     if bits is None:
         raise InputError(
             f"bits: of how many bits are the counts? They reach {highest:g}: --bits "
@@ -78,6 +80,6 @@ def _guessed(valid: np.ndarray, highest: float, drive_voltage: float) -> str:
     if highest <= 1e6 * limit:
         return "uV"
     raise InputError(
-        f"unit: readings up to {highest:.4g} are neither V, mV nor uV at a drive voltage of "
+        f"unit: readings up to {plain(highest, 4)} are neither V, mV nor uV at a drive voltage of "
         f"{drive_voltage:g} V: which number stands for a missing reading (--missing)?"
     )

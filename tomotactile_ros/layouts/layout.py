@@ -13,6 +13,7 @@ from tomotactile_ros.layouts.outline import Outline, is_usual_size
 from tomotactile_ros.layouts.region import FAR_OFF, Region
 from tomotactile_ros.layouts.tolerance import Tolerance, read_tolerance
 from tomotactile_ros.support import checks
+from tomotactile_ros.support.checks import plain
 from tomotactile_ros.support.errors import InputError, complaints_at, doubt
 from tomotactile_ros.support.files import find_config
 from tomotactile_ros.support.yamlio import Reader, write_mapping
@@ -65,6 +66,7 @@ class Layout:
         positions = checks.points(self.positions, "electrodes.positions", least=2)
         object.__setattr__(self, "positions", positions)
         self._check_inside()
+        check_on_sheet(self, self.radius, "electrodes.radius")
         self._check_apart()
         with complaints_at("surface."):
             self.surface.check(self.outline.size)
@@ -170,8 +172,8 @@ class Layout:
             second = int(next(n for n in neighbours if n != first))
             low, high = sorted((first, second))
             raise InputError(
-                f"electrodes.positions: electrodes {low} and {high} overlap: {1e3 * nearest:.4g} mm"
-                f" apart, they need more than {2e3 * self.radius:.4g} mm"
+                f"electrodes.positions: electrodes {low} and {high} overlap: {plain(1e3 * nearest, 4)} mm"
+                f" apart, they need more than {plain(2e3 * self.radius, 4)} mm"
             )
 
 

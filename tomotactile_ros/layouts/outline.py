@@ -142,5 +142,5 @@ def _check_usual_size(size: tuple[float, float], key: str, meant: bool) -> None:
     instead = f"{a / 1e3:g} m x {b / 1e3:g} m" if max(size) > LARGEST else "another unit"
     raise InputError(
         f"{key}: a sheet of {a:g} m x {b:g} m: lengths are in m, was {instead} meant? If not, set "
-        "unusual_size"
+        "unusual_size (option --unusual-size)"
     )

@@ -14,6 +14,7 @@ from tomotactile_ros.learning import tears
 from tomotactile_ros.learning.kept_out import LEAST
 from tomotactile_ros.learning.recorded import MOST, WIDE, Learned
 from tomotactile_ros.learning.state import PARTS, SensorState
+from tomotactile_ros.support.checks import plain
 
 _TOLD = 0.01  # of what was expected: less is nothing
 FOUND = 0.5  # of what was expected: a deviation above it means that little was learned
@@ -178,13 +179,13 @@ def lines(learned: Learned) -> Iterator[str]:
 
 def _kept_out(found):
     yield (
-        f"touches predicted from the others: readings {found.found:.1f} times the noise off ({found.predicted:.1f} "
-        f"expected), {found.layout:.0f} times without what was learned"
+        f"touches predicted from the others: readings are off by {found.found:.1f} times their noise (expected: "
+        f"{found.predicted:.1f}); without what was learned, by {plain(found.layout, 2)} times"
     )
     if found.left_out:
         yield (
-            f"  left out, since touches are likelier without: {', '.join(found.left_out)}; what is wrong with "
-            "this sensor is something else"
+            f"  not kept, as other touches are predicted better without: {', '.join(found.left_out)}; what is "
+            "wrong with this sensor is something else"
         )
 
 
@@ -364,14 +365,14 @@ def _electrodes(numbers, count):
 
 def _value(part, value):
     return {
-        "gain": f"{100 * value:.2g} %",
-        "offset": f"{1e3 * value:.2g} mV",
+        "gain": f"{plain(100 * value, 2)} %",
+        "offset": f"{plain(1e3 * value, 2)} mV",
         "resistance": f"{value:.0f} ohm",
     }[part]
 
 
 def _percent(part):
-    return f"{100 * part:.2g} %"
+    return f"{plain(100 * part, 2)} %"
 
 
 def _signed(part):

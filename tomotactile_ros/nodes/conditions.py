@@ -99,7 +99,7 @@ class _Condition:
         self.changes = 0
         if self.lasts:
             return diagnostics.level_of(trouble), trouble.text + often
-        return diagnostics.OK, f"over: {trouble.text}{often}"
+        return diagnostics.OK, f"no longer the case: {trouble.text}{often}"
 
 
 class Conditions:

@@ -203,8 +203,9 @@ class Driver:
         level = level_of(status)
         own = self._own_troubles(status.dead)
         kind = nature(self.parameters.values)
-        words = [*([kind] if kind else []), status.message, *(trouble.text for trouble in own)]
-        message = "; ".join(words)
+        texts = [trouble.text for trouble in own]
+        said = any(text.startswith(status.message) for text in texts)  # both tell of the time
+        message = "; ".join(filter(None, [kind, "" if said else status.message, *texts]))
         troubles = (*status.troubles, *own)
         for trouble in troubles:
             level = max(level, diagnostics.level_of(trouble))

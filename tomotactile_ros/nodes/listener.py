@@ -83,6 +83,7 @@ class Listener(Node):
             reason=message.reason,
             image_age=max(holds - shown, 0.0),
             late=self._late,
+            complete=message.complete,
         )
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:

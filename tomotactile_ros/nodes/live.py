@@ -53,13 +53,28 @@ def _parse(args: list[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--duration", type=positive, default=20.0, help="s after the first contacts (default: 20)"
     )
-    parser.add_argument("--layout", default="equal-8x8", help="layout file or installed name")
-    parser.add_argument("--scene", default="default", help="scene file or installed name")
+    parser.add_argument(
+        "--layout",
+        default="equal-8x8",
+        help="layout file or name of an installed one (default: equal-8x8)",
+    )
+    parser.add_argument(
+        "--scene", default="default", help="simulated sensor under this scene (default: default)"
+    )
     parser.add_argument(
         "--profile", default=Settings.profile, choices=PROFILES, help=f"default: {Settings.profile}"
     )
-    parser.add_argument("--rate", type=positive, default=DEFAULT_RATE, help="frames/s")
-    parser.add_argument("--out", default="out/pressure.png", help="picture written at the end")
+    parser.add_argument(
+        "--rate",
+        type=positive,
+        default=DEFAULT_RATE,
+        help=f"frames/s (default: {DEFAULT_RATE:g})",
+    )
+    parser.add_argument(
+        "--out",
+        default="out/pressure.png",
+        help="picture written at the end (default: out/pressure.png)",
+    )
     return parser.parse_args(args)
 
 

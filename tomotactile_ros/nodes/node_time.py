@@ -109,6 +109,11 @@ class PassingTime:
         self._steady = self._moved = time.monotonic()
         self._there = 0  # ns, simulated; 0 while there is none
 
+    def stands_still(self) -> bool:
+        """Whether simulated time has stood still for longer than a second."""
+        self.now()
+        return bool(self._there) and time.monotonic() - self._moved > _STILL
+
     def now(self) -> float:
         """s since it was made."""
         with self._lock:

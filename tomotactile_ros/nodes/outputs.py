@@ -29,6 +29,7 @@ from tomotactile_ros.nodes.markers import ContactMarkers, layout_markers
 from tomotactile_ros.nodes.node_time import PassingTime, seconds_now
 from tomotactile_ros.nodes.publishers import publisher
 from tomotactile_ros.spatial import in_space
+from tomotactile_ros.support.checks import plain
 from tomotactile_ros.view.colours import (
     LEAST_PRESSURE,
     Overlay,
@@ -85,13 +86,17 @@ class Outputs:
                 self._surface = publisher(self._node, PointCloud2, "surface")
             self._points = layout.surface.to_3d(grid.pixels)
 
-    def publish(self, pressure: np.ndarray, contacts: list, header: Header) -> None:
-        """Publish an (H, W) image, Pa, and a picture of it with contacts; `header` is the frame's."""
+    def publish(
+        self, pressure: np.ndarray, contacts: list, header: Header, complete: bool = True
+    ) -> None:
+        """Publish an (H, W) image, Pa, and a picture of it with contacts; `header` is the frame's,
+        `complete` is whether all was tried in time."""
         if self._pressure.get_subscription_count() > 0:
             self._pressure.publish(image_to_message(pressure, header))
         contacts = _strongest_first(contacts)
         if self._view.get_subscription_count() > 0:
-            self._view.publish(image_to_message(self._picture(pressure, contacts), header))
+            picture = self._picture(pressure, contacts, complete)
+            self._view.publish(image_to_message(picture, header))
         surface, points = self._surface, self._points
         if surface is not None and points is not None and surface.get_subscription_count() > 0:
             surface.publish(cloud_to_message(points, self._grid.gather(pressure), header))
@@ -168,7 +173,7 @@ class Outputs:
         age = seconds_now(self._node) - stamp_of(header)
         if not 0 < self._max_age < age:
             return ""
-        return f"readings of {age:.3g} s ago (max_age {self._max_age:g} s)"
+        return f"readings of {plain(age)} s ago (max_age {self._max_age:g} s)"
 
     def _show_layout(self, frame_id: str) -> None:
         self.frame_id = frame_id
@@ -176,12 +181,12 @@ class Outputs:
         self._layout_message.publish(layout_to_message(self._layout, self._grid, header))
         self._layout_markers.publish(layout_markers(self._layout, header))
 
-    def _picture(self, pressure: np.ndarray, contacts: list) -> np.ndarray:
+    def _picture(self, pressure: np.ndarray, contacts: list, complete: bool) -> np.ndarray:
         """The image in colours, contacts and electrodes in it, and the scale at its right."""
         peak = float(np.nanmax(pressure, initial=0.0))
         scale = self._range or self._scale(peak, self._now())
         rgb = colour(pressure, scale)
-        drawn = self._overlay.draw(rgb, contacts if self._draw else (), electrodes=self._draw)
+        drawn = self._overlay.draw(rgb, contacts if self._draw else (), self._draw, complete)
         return np.hstack([drawn, scale_bar(len(drawn), scale)])
 
 

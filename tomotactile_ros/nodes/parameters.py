@@ -29,6 +29,7 @@ OFF = "off"  # among choices; YAML takes it for false where it has no quotes
 ALLOW_PATH_CHANGES = "allow_path_changes"
 # by all nodes of this process: what a command line gives without a node's name is given to each of them
 _DECLARED: set[str] = set()
+_KINDS = {bool: "true or false", int: "a whole number", str: "text"}
 _ITEMS = {
     int: ("whole numbers", Parameter.Type.INTEGER_ARRAY),
     float: ("numbers", Parameter.Type.DOUBLE_ARRAY),
@@ -112,7 +113,7 @@ class Spec:
     def _convert_number(self, value: Any) -> float:
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             raise InputError(f"{self.name}: {reprlib.repr(value)} is not a number")
-        self._check_range(value)
+        self.check_range(value)
         return float(value)
 
     def _convert_array(self, value: Any) -> tuple[int, ...] | tuple[float, ...] | tuple[str, ...]:
@@ -121,13 +122,14 @@ class Spec:
             kind = _ITEMS[self.items][0]
             raise InputError(f"{self.name}: {reprlib.repr(value)} is not a list of {kind}")
         for v in value:
-            self._check_range(v)
+            self.check_range(v)
         return tuple(map(self.items, value))
 
-    def _check_range(self, value: float) -> None:
+    def check_range(self, value: float) -> None:
+        """InputError for a number that is not allowed."""
         if self.low is not None and not self.low <= value <= self.high:
             raise InputError(
-                f"{self.name}: {value:g} is out of range, {self.low:g} to {self.high:g} is allowed"
+                f"{self.name}: {value:.10g} is out of range, {self.low:.10g} to {self.high:.10g} is allowed"
             )
 
 
@@ -183,7 +185,9 @@ class Parameters:
             parameter = self._node.declare_parameter(spec.name, default, spec.descriptor())
         except ParameterException as error:
             reason = str(error).removesuffix(f": {spec.name}")
-            raise InputError(f"parameter {spec.name}: {reason}") from None
+            raise InputError(
+                f"parameter {self._refusal(spec) or f'{spec.name}: {reason}'}"
+            ) from None
         try:
             value = spec.convert(default if parameter.value is None else parameter.value)
         except InputError as error:
@@ -193,6 +197,22 @@ class Parameters:
         if value == OFF and parameter.value is False:
             self._node.set_parameters([Parameter(spec.name, Parameter.Type.STRING, OFF)])
         return value
+
+    def _refusal(self, spec: Spec) -> str:
+        """Why the value that was given is refused, in other words than those of rclpy; empty: not known."""
+        given = getattr(self._node, "_parameter_overrides", {}).get(spec.name)
+        if given is None:
+            return ""
+        kind = type(spec.default)
+        if kind in _KINDS and type(given.value) is not kind:
+            return f"{spec.name}: {reprlib.repr(given.value)} is not {_KINDS[kind]}"
+        try:
+            spec.convert(given.value)
+            if kind is int:
+                spec.check_range(given.value)
+        except InputError as error:
+            return str(error)
+        return ""
 
     def _check_paths(self, changed: set[str]) -> None:
         fixed = sorted(name for name in changed if self._specs[name].path)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from itertools import pairwise
+from pathlib import Path
 
 from rclpy.node import Node
 
@@ -10,8 +11,12 @@ from tomotactile_ros.support.params_files import meant_for, read_sections
 
 
 def files_of(words: Sequence[str]) -> list[str]:
-    """The parameter files that a command line names."""
-    return [file for word, file in pairwise(words) if word == "--params-file"]
+    """The parameter files that a command line names; InputError for one that is not there."""
+    files = [file for word, file in pairwise(words) if word == "--params-file"]
+    for file in files:
+        if not Path(file).is_file():
+            raise InputError(f"--params-file: {file}: no such file")
+    return files
 
 
 def warn_of_keys(node: Node, files: Sequence[str]) -> None:

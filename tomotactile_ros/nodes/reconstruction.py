@@ -285,7 +285,7 @@ class Reconstruction:
                 self._outputs.publish_contacts(shown.contacts, holds, shown.complete)
             if drawn:  # with the time of its frame, which may be one before
                 when = header if shown.holds >= 0 else holds
-                self._outputs.publish(shown.pressure, shown.contacts, when)
+                self._outputs.publish(shown.pressure, shown.contacts, when, shown.complete)
         self._excluded = result.excluded
         if not np.isnan(result.noise):  # it is the sensor's, also while no frame shows it
             self._noise = result.noise

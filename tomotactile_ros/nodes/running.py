@@ -33,7 +33,7 @@ from tomotactile_ros.nodes.usage import (
     ros_words,
     usage,
 )
-from tomotactile_ros.support.command_line import say_doubts
+from tomotactile_ros.support.command_line import end_of_pipe, say_doubts
 from tomotactile_ros.support.errors import InputError
 
 BAD_INPUT = 2
@@ -236,8 +236,9 @@ def run(
     try:
         for number in (signal.SIGINT, signal.SIGTERM):  # before rclpy's own, which call these
             signal.signal(number, interrupt)
+        files = files_of(words)
         if asks_for_help(words):
-            print(usage(_program(), about, specs))
+            print(usage(_program(), about, specs), flush=True)
             return 0
         refuse_unknown(given, _program(), (*chain(*specs.values()), *also))
         _init(words)
@@ -245,7 +246,6 @@ def run(
         if signal.getsignal(signal.SIGHUP) == signal.SIG_DFL:
             signal.signal(signal.SIGHUP, lambda *_: os.kill(os.getpid(), signal.SIGTERM))
         executor = _Executor(_THREADS) if threads else SingleThreadedExecutor()
-        files = files_of(words)
         for node in make_nodes():
             nodes.append(node)
             executor.add_node(node)
@@ -255,6 +255,8 @@ def run(
         interrupt.wanted = False
         if not interrupt.came:  # otherwise it got lost in what it interrupted
             executor.spin()
+    except BrokenPipeError:
+        return end_of_pipe()
     except InputError as error:
         print(f"{_program()}: {error}", file=sys.stderr)
         return BAD_INPUT

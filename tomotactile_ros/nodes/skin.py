@@ -144,7 +144,7 @@ class SkinPart:
     def _on_contacts(self, name: str, message: ContactArray) -> None:
         member = self._skin.members[name]
         member.arrival, member.contacts = self._now(), []
-        member.complaint = ""
+        member.complaint, member.complete = "", message.complete
         if message.state != ContactArray.VALID:
             member.complaint = printable(message.reason) or "its contacts are not valid"
         elif is_timeless(self._node):
@@ -181,6 +181,7 @@ class SkinPart:
         header = Header(stamp=stamp, frame_id=self.parameters["frame_id"])
         problems = self._skin.problems(now)
         message = ContactArray(header=header, state=ContactArray.VALID)
+        message.complete = all(member.complete for member in self._skin.members.values())
         message.contacts = [numbered(c, number) for number, c in self._skin.contacts(now)]
         message.contacts.sort(key=lambda contact: contact.force, reverse=True)
         if problems:

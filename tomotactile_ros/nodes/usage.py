@@ -13,6 +13,8 @@ from tomotactile_ros.support.params_files import TYPO
 
 _WIDTH = 100
 _OF_ROS = "use_sim_time", "start_type_description_service"
+_FAILED = "Failed to parse ROS arguments: "
+_SOURCE = re.compile(r", at /\S+:\d+")  # where rcl found it
 _SHORT = re.compile(r"[A-Za-z_][\w./:]*:=")
 
 
@@ -67,7 +69,8 @@ def refuse_unknown(words: Sequence[str], program: str, specs: Iterable[Spec]) ->
 
 def not_understood(error: Exception) -> str:
     """One line about arguments that ROS refuses."""
-    return f"what follows --ros-args is not understood: {' '.join(str(error).split())}"
+    reason = _SOURCE.sub("", " ".join(str(error).split()))
+    return f"what follows --ros-args is not understood: {reason.removeprefix(_FAILED)}"
 
 
 def usage(program: str, about: str, specs: Mapping[str, Sequence[Spec]]) -> str:

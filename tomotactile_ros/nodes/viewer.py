@@ -182,6 +182,7 @@ class _Sensor:
             image_age=max(holds - shown, 0.0),
             late=self._late,
             faults={k: why for k, why in self._faults.items() if k < len(self._layout.electrodes)},
+            complete=message.complete,
         )
         self._sheet.show(shot, message_to_spatial(message))
 

@@ -9,6 +9,7 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 from tomotactile_ros.devices.health import Recent, Trouble, late_of
 from tomotactile_ros.devices.time_source import NO_TIME
 from tomotactile_ros.nodes.node_time import PassingTime, clock_of, is_timeless
+from tomotactile_ros.support.checks import plain
 
 TYPE = "tomotactile_ros/msg/VoltageFrame"
 _RESTART = 2**16
@@ -32,7 +33,8 @@ class FrameWatch:
     def __init__(self, node: Node, topic: str):
         self._node = node
         self._topic = topic
-        self._now = PassingTime(node).now
+        self._time = PassingTime(node)
+        self._now = self._time.now
         self._latencies: deque[float] = deque(maxlen=1000)
         # when, s, how old, s of work
         self._ages: deque[tuple[float, float, float]] = deque(maxlen=1000)
@@ -111,8 +113,8 @@ class FrameWatch:
         if missed > _MANY * (processed + missed):
             share = 100 * missed / (processed + missed)
             text = (
-                f"{share:.0f} % of the frames were not used: {processed / self._span():.3g} of "
-                f"{(processed + missed) / self._span():.3g} images/s are made: images or network "
+                f"{share:.0f} % of the frames were not used: {plain(processed / self._span())} of "
+                f"{plain((processed + missed) / self._span())} images/s are made: images or network "
                 "are too slow"
             )
             found.append(Trouble("missed", False, text))
@@ -131,8 +133,8 @@ class FrameWatch:
             found.append(Trouble("stamps", back > _MANY * processed, text))
         if overlong > _MANY * processed:
             text = (
-                f"the rows of a frame take {self._lasts:.3g} s by its row_period, and frames follow one "
-                f"another after {self._step:.3g} s: times and velocities of contacts are wrong (row_period "
+                f"the rows of a frame take {plain(self._lasts)} s by its row_period, and frames follow one "
+                f"another after {plain(self._step)} s: times and velocities of contacts are wrong (row_period "
                 "is in s)"
             )
             found.append(Trouble("row period", True, text))
@@ -140,11 +142,11 @@ class FrameWatch:
         if age > (min(_OLD, max_age) if max_age > 0 else _OLD):
             why = "clocks differ, or messages are slow"
             if work > _MOSTLY * age:
-                why = f"an image takes {work:.3g} s"
-            text = f"frames are {age:.3g} s old: {why}"
+                why = f"an image takes {plain(work)} s"
+            text = f"frames are {plain(age)} s old: {why}"
             found.append(Trouble("old", 0 < max_age < age, text))
         elif age < -_OLD:
-            text = f"frames are stamped {-age:.3g} s ahead of the time here: clocks differ"
+            text = f"frames are stamped {plain(-age)} s ahead of the time here: clocks differ"
             found.append(Trouble("ahead", False, text))
         return found
 
@@ -194,6 +196,8 @@ class FrameWatch:
         publishers = self._node.get_publishers_info_by_topic(self._topic)
         if is_timeless(self._node):
             return f"no frames are used: {NO_TIME} (use_sim_time is set)"
+        if self._time.stands_still():
+            return "no frames: simulated time stands still, /clock tells no later time (use_sim_time is set)"
         if not publishers:
             self._refusal = self._incompatible = ""  # of one that has gone
             return (

@@ -10,6 +10,7 @@ from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.layouts.region import Region
 from tomotactile_ros.support import checks
+from tomotactile_ros.support.checks import plain
 from tomotactile_ros.support.errors import InputError
 
 _STEP = 1e-6  # of the outline's size, for the slope of distances
@@ -108,10 +109,10 @@ class Constraints:
         worst = int(np.argmax(trespass))
         x, y = layout.positions[worst]
         what = (
-            f"electrode {worst} at ({x:g}, {y:g}) m is {1e3 * trespass[worst]:.3g} mm inside a zone to "
+            f"electrode {worst} at ({x:g}, {y:g}) m is {plain(1e3 * trespass[worst])} mm inside a zone to "
             "keep out of, or that much too near to the rim"
             if trespass[worst] > short
-            else f"two electrodes are {1e3 * short:.3g} mm too near to each other"
+            else f"two electrodes are {plain(1e3 * short)} mm too near to each other"
         )
         raise InputError(f"constraints: {what}, and nothing was found that obeys")
 

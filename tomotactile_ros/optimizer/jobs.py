@@ -38,6 +38,7 @@ from tomotactile_ros.optimizer.scan import FEW, Chooser, Scan, scans, spread
 from tomotactile_ros.optimizer.step import Step, ratio
 from tomotactile_ros.optimizer.workers import Workers
 from tomotactile_ros.support import checks, memory
+from tomotactile_ros.support.checks import plain
 from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.support.files import YAML, check_out, check_picture
 
@@ -348,7 +349,7 @@ def _summary(start, best):
 def _expected(before, after):
     """What is expected of contacts, at places that the search did not see."""
     room = "" if len(after.pairs) else ", none of which has room"
-    yield f"expected of contacts, pairs {1e3 * after.conditions.apart:.3g} mm apart{room}:"
+    yield f"expected of contacts, pairs {plain(1e3 * after.conditions.apart)} mm apart{room}:"
     for label, group, key, scale, unit in (
         ("mean place error", "place", "mean", 1e6, "um"),
         ("place, worst tenth", "place", "worst_tenth", 1e6, "um"),

@@ -39,6 +39,7 @@ from tomotactile_ros.optimizer.moves import keeps_fixed, smooth_moves
 from tomotactile_ros.optimizer.orbits import shared_group
 from tomotactile_ros.optimizer.step import Clock, Step
 from tomotactile_ros.support import checks
+from tomotactile_ros.support.checks import plain
 from tomotactile_ros.support.errors import InputError
 
 ROUNDS = 2
@@ -305,5 +306,5 @@ def _check_fixed(layout, constraints):
     if len(fixed) and not constraints.kept_by(held):
         raise InputError(
             f"fixed: these electrodes violate the spacing, the margin or a zone to keep out of by "
-            f"{1e3 * constraints.violation(held):.3g} mm where they are"
+            f"{plain(1e3 * constraints.violation(held))} mm where they are"
         )

@@ -16,6 +16,7 @@ from scipy.spatial import Delaunay
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.sheet.locate import Locator
 from tomotactile_ros.sheet.placement import LocalSize, place_nodes
+from tomotactile_ros.support.checks import plain
 from tomotactile_ros.support.errors import InputError
 
 # Nodes of a lattice lie on common circles. Moved by this part of the longer side they do not, which
@@ -90,8 +91,8 @@ def make_mesh(
     covered, wanted = area[kept].sum(), layout.outline.area
     if abs(covered - wanted) > 0.01 * wanted:
         raise InputError(
-            f"layout {layout.name!r}: a mesh of {h * 1e3:.3g} mm covers {covered / wanted:.1%} of "
-            f"the outline; narrow parts need elements of {h * 5e2:.3g} mm or less"
+            f"layout {layout.name!r}: a mesh of {plain(h * 1e3)} mm covers {covered / wanted:.1%} of "
+            f"the outline; narrow parts need elements of {plain(h * 5e2)} mm or less"
         )
     locate = Locator(points, triangles, neighbours, kept)
     used = np.zeros(len(points), bool)

@@ -34,11 +34,20 @@ def instance(value: object, key: str, kind: type, hint: str = "") -> None:
         raise InputError(f"{key}: {show(value)} is no {kind.__name__}{hint and ': ' + hint}")
 
 
+def plain(value: float, digits: int = 3) -> str:
+    """A number of so many digits as a person writes it: 410, 12000, 0.00003. What is beyond a millionth or
+    a million million has a power of ten."""
+    text = f"{value:.{digits}g}"
+    if "e" not in text or not 1e-6 <= abs(value) < 1e12:
+        return text
+    return np.format_float_positional(float(text), trim="-")
+
+
 def size(count: float) -> str:
     """An amount of bytes as a person says it: 3 bytes, 40 kB, 1.5 GB."""
     for unit, least in (("TB", 1e12), ("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
         if count >= least:
-            return f"{count / least:.3g} {unit}"
+            return f"{plain(count / least)} {unit}"
     return f"{count:.0f} bytes"
 
 

@@ -34,6 +34,8 @@ class Parser(argparse.ArgumentParser):
     option that was left out.
     """
 
+    also = ""  # what is said beside the choices of one that is none
+
     def __init__(self, *args: Any, **kwargs: Any):
         super().__init__(*args, **kwargs)
         self.register("type", None, _given)
@@ -48,7 +50,7 @@ class Parser(argparse.ArgumentParser):
             super()._check_value(action, value)
         except argparse.ArgumentError as error:
             names = [str(choice) for choice in action.choices or ()]
-            error.message += meant(str(value), names)
+            error.message += meant(str(value), names) + self.also
             raise
 
     def refuse(self, unknown: list[str]) -> NoReturn:
@@ -63,6 +65,14 @@ class Parser(argparse.ArgumentParser):
         if unknown:
             self.refuse(unknown)
         return found
+
+    def exit(self, status: int = 0, message: str | None = None) -> NoReturn:
+        """The same; who reads the help may have had enough of it."""
+        try:
+            sys.stdout.flush()
+        except BrokenPipeError:
+            status = end_of_pipe()
+        super().exit(status, message)
 
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"{self.prog}: {message} (try --help)\n")

@@ -5,6 +5,8 @@ import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
+_ALIKE = 0.65  # of a name that may have been meant, as difflib measures it
+
 
 class InputError(ValueError):
     """Bad input. The message is one line: where (file: key), what is wrong, what would be right."""
@@ -44,5 +46,6 @@ def complaints_at(place: str) -> Iterator[None]:
 
 def meant(text: str, names: Iterable[str]) -> str:
     """The end of a complaint: the one of `names` that `text` is nearest to; nothing where none is near."""
-    close = difflib.get_close_matches(text, list(names), n=1)
-    return f"; did you mean {close[0]}?" if close else ""
+    bare = {name.lstrip("-"): name for name in names}  # the dashes of options make all alike
+    close = difflib.get_close_matches(text.lstrip("-"), list(bare), n=1, cutoff=_ALIKE)
+    return f"; did you mean {bare[close[0]]}?" if close else ""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import resource
 
+from tomotactile_ros.support.checks import size
 from tomotactile_ros.support.errors import InputError
 
 _SHARE = 0.7  # of what is free that one piece of work may take
@@ -26,6 +27,4 @@ def check(needed: float, what: str) -> None:
     """Refuse work that needs more bytes than are free; `what` begins the complaint."""
     free = _SHARE * free_bytes()
     if needed > free:
-        raise InputError(
-            f"{what} would take about {needed / 1e9:.2g} GB of memory, {free / 1e9:.2g} GB are free"
-        )
+        raise InputError(f"{what} would take about {size(needed)} of memory, {size(free)} are free")

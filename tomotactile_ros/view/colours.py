@@ -10,11 +10,14 @@ from functools import lru_cache
 import numpy as np
 
 from tomotactile_ros.layouts.grid import Grid
+from tomotactile_ros.support.checks import plain
+from tomotactile_ros.view.contact_lines import stand_for_all
 
 OUTSIDE = (60, 60, 60)  # cells outside the outline
 LEAST_PRESSURE, LEAST_CONDUCTANCE = 1000.0, 0.1  # Pa, S/m²: noise alone is not blown up beyond
 _WHITE = (255, 255, 255)
 _RED = (255, 64, 64)
+_DASHES = 12  # of a broken ring
 _BAR_WIDTH = 0.24  # of the height of the picture beside which the scale stands
 
 
@@ -73,7 +76,7 @@ def colour(pressure: np.ndarray, scale: float) -> np.ndarray:
 
 def named(value: float, calibrated: bool) -> str:
     """A pressure, Pa, or without a contact law a conductance, S/m², as people say it."""
-    return f"{value / 1e3:.3g} kPa" if calibrated else f"{value:.3g} S/m²"
+    return f"{plain(value / 1e3)} kPa" if calibrated else f"{plain(value)} S/m²"
 
 
 @lru_cache(maxsize=8)
@@ -120,22 +123,32 @@ class Overlay:
         for x, y in positions:
             self._electrodes |= self._distance(x, y) < max(radius, self._stroke)
 
-    def draw(self, rgb: np.ndarray, contacts: Sequence, electrodes: bool = True) -> np.ndarray:
-        """The (H, W, 3) picture enlarged, with electrodes as white dots, contacts as red rings."""
+    def draw(
+        self,
+        rgb: np.ndarray,
+        contacts: Sequence,
+        electrodes: bool = True,
+        complete: bool = True,
+    ) -> np.ndarray:
+        """The (H, W, 3) picture enlarged, with electrodes as white dots, contacts as red rings, a broken
+        one where not all was tried (`complete`) and it stands for all."""
         picture = rgb.repeat(self._zoom, axis=0).repeat(self._zoom, axis=1)
         if electrodes:
             picture[self._electrodes] = _WHITE
         for contact in contacts:
-            self._draw_ring(picture, contact)
+            self._draw_ring(picture, contact, stand_for_all(contacts, complete))
         return picture
 
-    def _draw_ring(self, picture: np.ndarray, contact) -> None:
+    def _draw_ring(self, picture: np.ndarray, contact, broken: bool) -> None:
         """Draw a contact; only the pixels around it are looked at."""
         reach = contact.radius + self._stroke
         columns = slice(*np.searchsorted(self._x, (contact.x - reach, contact.x + reach)))
         rows = slice(*np.searchsorted(-self._y, (-contact.y - reach, -contact.y + reach)))
-        distance = np.hypot(self._x[columns] - contact.x, (self._y[rows] - contact.y)[:, None])
-        picture[rows, columns][np.abs(distance - contact.radius) < self._stroke] = _RED
+        right, up = self._x[columns] - contact.x, (self._y[rows] - contact.y)[:, None]
+        drawn = np.abs(np.hypot(right, up) - contact.radius) < self._stroke
+        if broken:
+            drawn &= np.arctan2(up, right) * (_DASHES / np.pi) % 2 < 1
+        picture[rows, columns][drawn] = _RED
 
     def _distance(self, x: float, y: float) -> np.ndarray:
         return np.hypot(self._x - x, (self._y - y)[:, None])

@@ -25,6 +25,7 @@ def contact_lines(
     truth: Sequence[dict] | None = None,
     calibrated: bool = True,
     width: int = 200,
+    complete: bool = True,
 ) -> list[str]:
     """One line for each contact (x, y in m, force in N, pressure in Pa), and each one missed.
 
@@ -34,11 +35,16 @@ def contact_lines(
     truth : what `Scene.truth` says, or None where it is not known.
     calibrated : whether a contact law gives forces; without one there are places only.
     width : characters that fit; what does not is left out, never cut.
+    complete : whether all was tried; else one contact may stand for all, of which none is told from the others.
     """
+    if stand_for_all(contacts, complete):
+        about = contacts[0]
+        parts = [f"something presses about {_place(about.x, about.y)}"]
+        return [fitting([*parts, f"  about {about.force:5.2f} N" if calibrated else ""], width)]
     partner = pair(contacts, truth or ())
     lines = []
-    for i, (contact, j) in enumerate(zip(contacts, partner, strict=True), 1):
-        parts = [f"contact {number_of(contact, i)}: {_place(contact.x, contact.y)}"]
+    for number, contact, j in zip(numbers_of(contacts), contacts, partner, strict=True):
+        parts = [f"contact {number}: {_place(contact.x, contact.y)}"]
         if calibrated:
             rough = "  about" if contact.force_std > _ROUGH * contact.force else ""
             least = "  at least" if math.isinf(contact.force_std) else rough
@@ -53,9 +59,17 @@ def contact_lines(
     return lines or ["no contact"]
 
 
-def number_of(contact, rank: int) -> int:
-    """What people call a contact: its id, or its rank where nobody follows it."""
-    return contact.id or rank
+def stand_for_all(contacts: Sequence, complete: bool) -> bool:
+    """Whether there is only one contact that stands for all of a frame that was cut."""
+    return not complete and len(contacts) == 1 and not contacts[0].id
+
+
+def numbers_of(contacts: Sequence, complete: bool = True) -> list[int]:
+    """What people call contacts: their ids, or ranks where nobody follows them; 0 of one that stands
+    for all."""
+    if stand_for_all(contacts, complete):
+        return [0]
+    return [contact.id or rank for rank, contact in enumerate(contacts, 1)]
 
 
 def withheld_line(reason: str) -> str:

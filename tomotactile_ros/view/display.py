@@ -16,7 +16,7 @@ from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.reconstruction.settings import Settings
 from tomotactile_ros.scenes.scene import Scene
 from tomotactile_ros.view.colours import LEAST_CONDUCTANCE, LEAST_PRESSURE, SteadyScale, full_scale
-from tomotactile_ros.view.contact_lines import contact_lines, fitting, number_of, withheld_line
+from tomotactile_ros.view.contact_lines import contact_lines, fitting, numbers_of, withheld_line
 from tomotactile_ros.view.figure import save_pressure
 from tomotactile_ros.view.terminal import HALF_BLOCK, picture
 from tomotactile_ros.view.trails import LASTING, Trails
@@ -37,11 +37,12 @@ class Shot:
     contacts : strongest first.
     scene_time : s since the scene began, of the time for which the contacts hold.
     rate : images/s of late.
-    age : s since the time of the contacts.
+    age : s since the time of the contacts, at least 0.
     reason : why contacts are withheld, if they are.
     image_age : s from the image's frame to the time of the contacts, where these do not wait for images.
     late : how many frames or rows of late were told late or not at all, for people; empty: not known.
     faults : electrodes that are left out, and why.
+    complete : whether all was tried; else one contact may stand for all.
     """
 
     pressure: np.ndarray | None
@@ -53,6 +54,10 @@ class Shot:
     image_age: float = 0.0
     late: str = ""
     faults: Mapping[int, str] = field(default_factory=dict)
+    complete: bool = True
+
+    def __post_init__(self) -> None:
+        self.age = max(self.age, 0.0)  # a recording says before its last row what it has
 
 
 class Display:
@@ -119,6 +124,7 @@ class Display:
             self._calibrated,
             reason=last.reason,
             trails=[trail for _, trail in self._trails.items()],
+            complete=last.complete,
         )
         self.say(f"{path} written")
 
@@ -153,7 +159,8 @@ class Display:
     def _lines(self, shot: Shot, width: int = 200) -> list[str]:
         if shot.reason:
             return wrap(withheld_line(shot.reason), width)
-        return contact_lines(shot.contacts, self._truth(shot.scene_time), self._calibrated, width)
+        truth = self._truth(shot.scene_time)
+        return contact_lines(shot.contacts, truth, self._calibrated, width, shot.complete)
 
     def _truth(self, t: float) -> list[dict] | None:
         """What really touches, if the scene alone says it."""
@@ -170,7 +177,7 @@ class Display:
         pressure = self._image(shot)
         peak = full_scale(pressure, 0.0, 0.0)
         scale = self._scale(peak, time.monotonic())
-        placed = zip(shot.contacts, _places(shot.contacts), strict=True)
+        numbers = numbers_of(shot.contacts, shot.complete)
         image = picture(
             pressure,
             self._layout.outline.bounds,
@@ -180,7 +187,7 @@ class Display:
             self._layout.positions,
             self._calibrated,
             [trail for _, trail in self._trails.items()],
-            [(place, str(number_of(c, k))) for k, (c, place) in enumerate(placed, 1)],
+            [(p, str(n or "?")) for p, n in zip(_places(shot.contacts), numbers, strict=True)],
         )
         head = [
             f"{self._layout.name}: {1e3 * shot.age:.0f} ms old",

@@ -18,7 +18,12 @@ from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.support.files import save_figure
 from tomotactile_ros.view.colours import LEAST_CONDUCTANCE, LEAST_PRESSURE
-from tomotactile_ros.view.contact_lines import contact_lines, number_of, withheld_line
+from tomotactile_ros.view.contact_lines import (
+    contact_lines,
+    numbers_of,
+    stand_for_all,
+    withheld_line,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -56,7 +61,7 @@ def plot(
     if result.calibrated and not calibrated:
         result = result.without_law(DEFAULT_LAW)
     shown = result.image, layout, result.contacts, truth, title, calibrated
-    figure = pressure_figure(*shown, reason=result.reason)
+    figure = pressure_figure(*shown, reason=result.reason, complete=result.complete)
     vars(figure)["_repr_png_"] = partial(_png, figure)  # what IPython asks for
     return figure
 
@@ -78,10 +83,11 @@ def save_pressure(
     *,
     reason: str = "",
     trails: Sequence[np.ndarray] = (),
+    complete: bool = True,
 ) -> None:
     """Write the figure of `pressure_figure` as PNG, SVG or PDF by its name; its folder is made."""
     shown = pressure, layout, contacts, truth, title, calibrated
-    figure = pressure_figure(*shown, reason=reason, trails=trails)
+    figure = pressure_figure(*shown, reason=reason, trails=trails, complete=complete)
     try:
         Path(path).parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -99,6 +105,7 @@ def pressure_figure(
     *,
     reason: str = "",
     trails: Sequence[np.ndarray] = (),
+    complete: bool = True,
 ) -> Figure:
     """The figure.
 
@@ -113,6 +120,7 @@ def pressure_figure(
     calibrated : whether a contact law gives pressures; otherwise colours are conductances, S/m².
     reason : why contacts are withheld, below the title; empty: they are not.
     trails : (M, 2) m each, where contacts have been of late.
+    complete : whether all was tried; else one contact may stand for all, drawn as a broken ring.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -142,9 +150,9 @@ def pressure_figure(
     )  # fmt: skip
     for trail in trails:
         axes.plot(*(1e3 * trail.T), color="red", alpha=0.5, linewidth=1)
-    _draw_contacts(axes, contacts, truth or ())
+    _draw_contacts(axes, contacts, truth or (), complete)
     axes.set(xlabel="x / mm", ylabel="y / mm", xlim=(xmin, xmax), ylim=(ymin, ymax))
-    lines = contact_lines(contacts, truth, calibrated, _LINE_WIDTH)[:_MOST_LINES]
+    lines = contact_lines(contacts, truth, calibrated, _LINE_WIDTH, complete)[:_MOST_LINES]
     if reason:
         lines = ["contacts are not known"]
         title = "\n".join([*filter(None, [title]), *wrap(withheld_line(reason), _TITLE)])
@@ -165,7 +173,7 @@ def _size(width: float, height: float) -> tuple[float, float]:
     return max(4.5, width * scale + 1.6), max(2.5, height * scale + 1.9)
 
 
-def _draw_contacts(axes: Axes, contacts: Sequence, truth: Sequence[dict]) -> None:
+def _draw_contacts(axes: Axes, contacts: Sequence, truth: Sequence[dict], complete: bool) -> None:
     from matplotlib.patches import Circle
     from matplotlib.patheffects import withStroke
 
@@ -173,12 +181,13 @@ def _draw_contacts(axes: Axes, contacts: Sequence, truth: Sequence[dict]) -> Non
     middle = [sum(limits) / 2 for limits in (axes.get_xlim(), axes.get_ylim())]
     if contacts:  # patches have boxes in a legend, this has a ring
         axes.plot([], [], "o", color="red", fillstyle="none", label="contact")
-    for number, contact in enumerate(contacts, 1):
+    style = "dashed" if stand_for_all(contacts, complete) else "solid"
+    for number, contact in zip(numbers_of(contacts, complete), contacts, strict=True):
         x, y, radius = 1e3 * contact.x, 1e3 * contact.y, 1e3 * contact.radius
-        axes.add_patch(Circle((x, y), radius, fill=False, color="red"))
+        axes.add_patch(Circle((x, y), radius, fill=False, color="red", linestyle=style))
         right, upper = x > middle[0], y > middle[1]  # the number stands towards the middle
         axes.annotate(
-            str(number_of(contact, number)),
+            str(number or "?"),
             (x - radius if right else x + radius, y - radius if upper else y + radius),
             ha="right" if right else "left", va="top" if upper else "bottom",
             color="red", weight="bold", path_effects=halo,

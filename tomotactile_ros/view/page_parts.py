@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from tomotactile_ros.view.colours import palette
-from tomotactile_ros.view.contact_lines import number_of, pair
+from tomotactile_ros.view.contact_lines import contact_lines, numbers_of, pair, stand_for_all
 
 TILE = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) / 2.0
 _SIDES = 32  # of a circle
@@ -68,8 +68,12 @@ def strength_of(contact: Any, calibrated: bool) -> float:
     return float(contact.force) if calibrated else 1e6 * float(contact.conductance)
 
 
-def table_of(contacts: Sequence, truth: Sequence[dict] | None, calibrated: bool) -> str:
+def table_of(
+    contacts: Sequence, truth: Sequence[dict] | None, calibrated: bool, complete: bool = True
+) -> str:
     """Contacts as rows of an HTML table, beside the truth where it is known."""
+    if stand_for_all(contacts, complete):
+        return f"<div>{contact_lines(contacts, truth, calibrated, complete=complete)[0]}</div>"
     if not contacts and not truth:
         return "<div>no contact</div>"
     weighed = any(each["force"] is not None for each in truth or ())  # else bare conductors
@@ -78,9 +82,9 @@ def table_of(contacts: Sequence, truth: Sequence[dict] | None, calibrated: bool)
     heads += ["true N"] if weighed else []
     rows = []
     partners = pair(contacts, truth or ())
-    for k, (c, j) in enumerate(zip(contacts, partners, strict=True), 1):
+    for k, c, j in zip(numbers_of(contacts), contacts, partners, strict=True):
         spread = np.sqrt(max(c.position_covariance[0], c.position_covariance[3], 0.0))
-        row = [f"<b>{number_of(c, k)}</b>", f"{1e3 * c.x:.1f}, {1e3 * c.y:.1f}"]
+        row = [f"<b>{k}</b>", f"{1e3 * c.x:.1f}, {1e3 * c.y:.1f}"]
         row += ["–" if np.isnan(spread) else f"{1e3 * spread:.2f}"]
         least = "≥ " if calibrated and np.isinf(c.force_std) else ""
         row += [f"{least}{strength_of(c, calibrated):.2f}"]

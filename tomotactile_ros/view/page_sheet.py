@@ -23,7 +23,7 @@ from tomotactile_ros.view.colours import (
     named,
     palette,
 )
-from tomotactile_ros.view.contact_lines import number_of, withheld_line
+from tomotactile_ros.view.contact_lines import numbers_of, stand_for_all, withheld_line
 from tomotactile_ros.view.display import Shot
 from tomotactile_ros.view.page_parts import (
     DISC,
@@ -207,8 +207,10 @@ class Sheet:
         if self._forces and shot.scene_time < self._forces[-1][0]:
             self._forces.clear()
         strengths = {
-            number_of(c, k): strength_of(c, self._page.calibrated)
-            for k, c in enumerate(shot.contacts, 1)
+            number: strength_of(c, self._page.calibrated)
+            for number, c in zip(
+                numbers_of(shot.contacts, shot.complete), shot.contacts, strict=True
+            )
         }
         # 0 stands for all contacts
         strengths[0] = np.nan if shot.reason else sum(strengths.values())
@@ -221,7 +223,7 @@ class Sheet:
         now = self._drawn = time.monotonic()
         with self._page.server.atomic():
             scale = self._draw_pressure(shot, now)
-            self._draw_contacts(shot.contacts, placed)
+            self._draw_contacts(shot, placed)
             self._draw_truth(truth or ())
             colours = np.tile(_WELL, (len(self._electrodes.batched_positions), 1))
             colours[list(shot.faults)] = _DEAD
@@ -245,7 +247,8 @@ class Sheet:
         _put(self.tiles, batched_colors=linear(colour(values, scale)))
         return scale
 
-    def _draw_contacts(self, contacts: Sequence, placed: SpatialContacts) -> None:
+    def _draw_contacts(self, shot: Shot, placed: SpatialContacts) -> None:
+        contacts = shot.contacts
         frames, s = placed.frames, self._size
         lengths = np.where(np.isfinite(placed.forces), METRES_PER_NEWTON * placed.forces, 0.05)
         above = placed.positions + 0.003 * s * frames[:, :, 2]
@@ -254,13 +257,15 @@ class Sheet:
         size = {"shaft_radius": 0.005 * s, "head_radius": 0.014 * s, "head_length": 0.03 * s}
         self._set("force", arrows, self._page.server.scene.add_arrows, linear(_ORANGE), **size)
         known = np.isfinite(placed.covariances).all(axis=(1, 2))
+        if stand_for_all(contacts, shot.complete):
+            known[:] = False  # magnified, its spread would be larger than the sheet
         roots = MAGNIFIED * roots_of(placed.covariances[known])
         trails = [np.stack([t[:-1], t[1:]], axis=1) for _, t in self._trails.items()]
         rims = rings(above, frames, discs([c.radius for c in contacts]))
         spreads = rings(above[known], frames[known], roots)
         self._draw_lines("rims", np.concatenate([rims, spreads, *trails]), _ORANGE)
         # a label stays with its contact, also where another one becomes the strongest
-        numbers = [number_of(c, k) for k, c in enumerate(contacts, 1)]
+        numbers = numbers_of(contacts, shot.complete)
         order = np.argsort(numbers, kind="stable")
         while len(self._labels) < len(numbers):
             name = f"{self._root}/id/{len(self._labels)}"
@@ -269,7 +274,7 @@ class Sheet:
             _put(label, visible=k < len(numbers))
             if label.visible:
                 tip = tails[order[k]]
-                _put(label, text=f"{numbers[order[k]]}")
+                _put(label, text=f"{numbers[order[k]] or '?'}")
                 if np.abs(label.position - tip).max() > _STEP * s:
                     label.position = tip
 
@@ -307,7 +312,7 @@ class Sheet:
         if shot.reason:
             parts.append(f"<div><b>{escape(withheld_line(shot.reason))}</b></div>")
         else:
-            parts.append(table_of(shot.contacts, truth, self._page.calibrated))
+            parts.append(table_of(shot.contacts, truth, self._page.calibrated, shot.complete))
         for electrode, why in sorted(shot.faults.items()):
             parts.append(f"<div>electrode {electrode} left out: {escape(why)}</div>")
         return f'<div style="padding:0 1em">{"".join(parts)}</div>'
