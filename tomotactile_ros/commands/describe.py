@@ -110,7 +110,7 @@ def _asked(key: str, value: object) -> str:
         return checks.show(value, 100)
     if not unit or not numbers.size or np.isnan(numbers).any():
         return checks.show("none" if value in (None, []) else value, 100).strip("'")
-    text = np.array2string(numbers, separator=", ", formatter={"all": lambda x: plain(x, 6)})
+    text = np.array2string(numbers, separator=", ", formatter={"float_kind": lambda x: plain(x, 6)})
     return f"{' '.join(text.split())} {unit}"
 
 
