@@ -110,8 +110,14 @@ def _asked(key: str, value: object) -> str:
         return checks.show(value, 100)
     if not unit or not numbers.size or np.isnan(numbers).any():
         return checks.show("none" if value in (None, []) else value, 100).strip("'")
-    text = np.array2string(numbers, separator=", ", formatter={"float_kind": lambda x: plain(x, 6)})
-    return f"{' '.join(text.split())} {unit}"
+    return f"{_listed(numbers.tolist())} {unit}"
+
+
+def _listed(numbers: float | list) -> str:
+    """Numbers in lists in lists as a person writes them."""
+    if isinstance(numbers, list):
+        return f"[{', '.join(map(_listed, numbers))}]"
+    return plain(numbers, 6)
 
 
 def _when(stamp: float) -> str:
