@@ -7,7 +7,7 @@ from pathlib import Path
 
 def python(*words, **how) -> subprocess.CompletedProcess:
     """Python with these words of the command line, to its end; what it writes is text."""
-    how = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "timeout": 120.0, **how}
+    how = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "timeout": 600.0, **how}
     return subprocess.run([sys.executable, *map(str, words)], check=False, text=True, **how)
 
 
