@@ -110,8 +110,12 @@ def _asked(key: str, value: object) -> str:
         return checks.show(value, 100)
     if not unit or not numbers.size or np.isnan(numbers).any():
         return checks.show("none" if value in (None, []) else value, 100).strip("'")
-    text = np.array2string(numbers, separator=", ", formatter={"all": lambda x: plain(x, 6)})
-    return f"{' '.join(text.split())} {unit}"
+    return f"{_listed(numbers.tolist())} {unit}"
+
+
+def _listed(value: float | list) -> str:
+    """A number, or numbers in brackets."""
+    return plain(value, 6) if isinstance(value, float) else f"[{', '.join(map(_listed, value))}]"
 
 
 def _when(stamp: float) -> str:
