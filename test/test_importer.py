@@ -232,6 +232,10 @@ def test_what_is_no_frame_is_refused_with_what_would_be_right(shape, how, what):
         ("a.csv", b"", "holds no numbers"),
         ("a.csv", b"a,b\n", "a header and no numbers"),
         ("a.csv", b"1,2,3\n1,2\n", "line 2 has 2 values, line 1 has 3"),
+        ("a.csv", b"t,a\n2026-11-29T12:00:00,1\n", "line 2: '2026-.*' is a date: write times as"),
+        ("a.csv", b"1.18 V,1.2 V\n1.2 V,1.3 V\n", "line 1: '1.18 V' has a unit: leave it out"),
+        ("a.csv", b"1,5;2\n1.180,3;2\n", "line 2: '1.180,3' has points and commas"),
+        ("a.csv", b"1,2\n--,2\n", "line 2: '--' is not a number; .*--missing='--'"),
         ("a.csv", b"\xff\xfe1", "is not a text in UTF-8"),
         ("a.npy", b"\x93NUMPY", "is not a plain array"),
         ("a.mat", b"MATLAB 5.0", "is not a file of MATLAB"),
@@ -257,3 +261,36 @@ def test_a_column_of_grounded_electrodes_with_rows_left_out(tmp_path, left_out, 
     np.savetxt(tmp_path / "a.csv", np.delete(lines, left_out, axis=0), delimiter=",")
     with pytest.raises(InputError, match=what):
         import_frames(tmp_path / "a.csv", LAYOUT)
+
+
+def test_lines_above_the_header_and_utf_16(tmp_path, measured):
+    path = write(tmp_path / "a.csv", measured.reshape(-1, E), ";", [f"ch{e}" for e in range(E)])
+    text = "Device: x\nDate: 2026-01-01\nrate;1000\n\n" + path.read_text()
+    path.write_bytes(text.encode("utf-16"))
+    imported(
+        path, measured, ["80 lines of 16 numbers, separated by semicolons, below a header of 4"]
+    )
+
+
+@pytest.mark.parametrize(
+    ("changed", "what"),
+    [
+        (lambda v: 5.0 / 3.3 * v, "V of a sensor .* more than 3.3 V .--drive-voltage., or mV"),
+        (lambda v: 5e3 / 3.3 * v, "mV of a sensor .* or uV .*--unit uV"),
+        (lambda v: 3.3 - v, "the grounded electrodes read most"),
+        (lambda v: 1.0 - v / 3.3, "are these V0 - v, or 1 - v / V0"),
+        (
+            lambda v: np.roll(v, -1, axis=2) - v,
+            "differences of neighbours .--order pyeit or eidors.",
+        ),
+    ],
+)
+def test_readings_that_are_no_voltages_below_the_drive_are_refused(measured, changed, what):
+    with pytest.raises(InputError, match=what):
+        import_frames(changed(measured), LAYOUT)
+
+
+def test_shares_of_the_drive_voltage_are_pointed_out(measured):
+    imported(measured / 3.3, measured / 3.3, ["--drive-voltage 1"])
+    found = import_frames(measured / 3.3, LAYOUT, drive_voltage=1.0)
+    assert "shares" not in "".join(found.told)

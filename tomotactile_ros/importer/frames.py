@@ -21,7 +21,7 @@ from tomotactile_ros.importer.axes import (
 from tomotactile_ros.importer.leading import Columns, take_off
 from tomotactile_ros.importer.orders import in_order
 from tomotactile_ros.importer.tables import Table, read_table
-from tomotactile_ros.importer.units import in_volts
+from tomotactile_ros.importer.units import doubt_of_shares, in_volts, refuse_differences
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.reconstruction.mistakes import are_exchanged, refuse_mistakes
 from tomotactile_ros.reconstruction.settings import Settings
@@ -111,8 +111,9 @@ def import_frames(
         chosen, how = _checked_ground(voltages, chosen, how)
         told.append(f"grounded {how}: {_listed(chosen)}")
         voltages, line = in_volts(voltages, drive_voltage, unit, bits, full_scale)
-        told.append(line)
+        refuse_differences(voltages, chosen, drive_voltage, not missing)
         voltages[:, np.arange(len(chosen)), chosen] = np.nan
+        told.append(line + ("" if unit else doubt_of_shares(voltages, drive_voltage)))
         check_unit("", voltages, drive_voltage)
         if (
             axes is None

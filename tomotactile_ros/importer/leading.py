@@ -47,7 +47,10 @@ def take_off(
         column, name = values[:, number], names[number] if len(names) > number else ""
         label = f"column {number + 1}" + (f" ({checks.show(name).strip(chr(39))})" if name else "")
         if np.isnan(column).any():
-            raise InputError(f"{label}: holds no number in some lines, what is it?")
+            raise InputError(
+                f"{label}: holds no number in some lines, and there are {values.shape[1]} columns for "
+                f"{' or '.join(map(str, widths))} readings: leave out the columns that are none"
+            )
         steps = np.diff(column)
         if not _TIME.search(name) and (steps == 1).all():
             found.told.append(f"{label} counts lines, left out")

@@ -29,6 +29,10 @@ _COMMENTS = "#%"
 _SEPARATORS = {"\t": "tabs", ";": "semicolons", ",": "commas", None: "spaces"}
 _DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+(?:[eE][-+]?\d+)?")
 _NUMBERED = re.compile(r"\s*(\d+)\s*:[ \t;,]?")
+_DATE = re.compile(r"\d{1,4}[-./]\d{1,2}[-./]\d{1,4}|\d{1,2}:\d\d")
+_WITH_UNIT = re.compile(r"[-+]?\d[\d.,]*(?:[eE][-+]?\d+)?\s*(?:[munpkMµμ]?[VA]|%)")
+_THOUSANDS = re.compile(r"[-+]?\d{1,3}(?:\.\d{3})+,\d+|[-+]?\d{1,3}(?:,\d{3})+\.\d+")
+_UTF_16 = (b"\xff\xfe", b"\xfe\xff")  # how such texts begin
 _LOOKED_AT = 50  # lines, for the separator
 
 
@@ -89,9 +93,9 @@ def _as_number(text: str) -> float | None:
 def _text(path: Path, missing: Sequence[str]) -> Table:
     data = read_limited(path, _MOST_TEXT)
     try:
-        text = data.decode("utf-8-sig")
+        text = data.decode("utf-16" if data[:2] in _UTF_16 else "utf-8-sig")
     except UnicodeDecodeError:
-        raise InputError(f"{path}: is not a text in UTF-8") from None
+        raise InputError(f"{path}: is not a text in UTF-8 or UTF-16; save it as UTF-8") from None
     lines = [
         (number, line)
         for number, line in enumerate(text.splitlines(), 1)
@@ -113,10 +117,9 @@ def _text(path: Path, missing: Sequence[str]) -> Table:
         raise InputError(f"{path}: holds no numbers")
     nothing = {*_NOTHING, *(each.lower() for each in missing)}
     comma = separator != "," and any(map(_DECIMAL_COMMA.fullmatch, rows[-1][1]))
-    first = rows[0][1]
-    header = any(_value(cell, nothing, comma) is None for cell in first)
-    names = tuple(first) if header else ()
-    rows = rows[header:]
+    above = _words_above([cells for _, cells in rows], nothing, comma)
+    names = tuple(rows[above - 1][1]) if above else ()
+    rows = rows[above:]
     if not rows:
         raise InputError(f"{path}: holds a header and no numbers")
     width = len(rows[0][1])
@@ -131,7 +134,8 @@ def _text(path: Path, missing: Sequence[str]) -> Table:
         values[place] = _line(path, number, cells[:width], nothing, comma)
     told = f"{len(rows)} lines of {width} numbers, separated by {_SEPARATORS[separator]}"
     told += ", decimal commas" if comma else ""
-    told += ", below a header" if header else ", no header"
+    told += ", below a header" if above else ", no header"
+    told += f" of {above} lines" if above > 1 else ""
     return Table(values, names, [told], has_columns=True)
 
 
@@ -141,7 +145,8 @@ def _separator(lines: list[str]) -> str | None:
     for mark in _SEPARATORS:
         counts = [len(line.split(mark)) for line in lines]
         usual = max(set(counts), key=counts.count)
-        if usual > 1 and counts.count(usual) >= len(counts) / 2:
+        unlike = mark is None and found  # spaces in cells, as of `1.18 V`
+        if usual > 1 and counts.count(usual) >= len(counts) / 2 and not unlike:
             found.append((usual, mark))
     if any(mark in ("\t", ";") for _, mark in found):  # commas may be those of decimals
         found = [(count, mark) for count, mark in found if mark != ","]
@@ -156,11 +161,42 @@ def _line(path: Path, number: int, cells: list[str], nothing: set[str], comma: b
     found = [_value(cell, nothing, comma) for cell in cells]
     if None in found:
         cell = cells[found.index(None)]
-        raise InputError(
-            f"{path}: line {number}: {checks.show(cell)} is not a number; if it marks a missing reading: "
-            f"--missing {checks.show(cell)}"
-        )
+        raise InputError(f"{path}: line {number}: {checks.show(cell)} {_what_it_is(cell)}")
     return found  # type: ignore[return-value] # None was refused
+
+
+def _what_it_is(cell: str) -> str:
+    """What a cell is that is no number, and what would be right."""
+    if _DATE.match(cell):
+        return "is a date: write times as seconds, or leave the column out"
+    if _WITH_UNIT.fullmatch(cell):
+        return "has a unit: leave it out of the cells, --unit names that of all readings"
+    if _THOUSANDS.fullmatch(cell):
+        return "has points and commas: write thousands without a mark"
+    mark = f"={checks.show(cell)}" if cell.startswith("-") else f" {checks.show(cell)}"
+    return f"is not a number; if it marks a missing reading: --missing{mark}"
+
+
+def _words_above(rows: list[list[str]], nothing: set[str], comma: bool) -> int:
+    """How many lines are above the numbers: the first, where it has words, and those before the last that
+    has words alone, or is not as long as most."""
+    lengths = [len(cells) for cells in rows]
+    usual, above = max(set(lengths), key=lengths.count), 0
+    for number, cells in enumerate(rows):
+        found = [_value(cell, nothing, comma) for cell in cells]
+        words = [cell for cell, value in zip(cells, found, strict=True) if value is None]
+        if not words or (len(cells) == usual and any(map(_like_a_number, words))):
+            break
+        alone = all(value is None or np.isnan(value) for value in found)
+        if number and len(cells) == usual and not alone:
+            break
+        above = number + 1
+    return above
+
+
+def _like_a_number(cell: str) -> bool:
+    shapes = _DATE.match, _WITH_UNIT.fullmatch, _THOUSANDS.fullmatch
+    return any(shape(cell) for shape in shapes)
 
 
 def _value(cell: str, nothing: set[str], comma: bool) -> float | None:
