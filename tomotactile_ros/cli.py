@@ -42,9 +42,7 @@ def main(argv: list[str] | None = None) -> int:
     sys.stdout.reconfigure(errors="replace")  # type: ignore[union-attr] # a terminal that knows no µ or · shows a ?
     # blocks of a hundred unknowns: threads of the linear algebra only wait for each other
     os.environ.setdefault("OMP_NUM_THREADS", "1")
-    nodes = os.environ.get(
-        "TOMOTACTILE_NODES", ""
-    )  # of scripts/tomotactile, which starts them as well
+    nodes = os.environ.get("TOMOTACTILE_NODES", "")  # that scripts/tomotactile starts as well
     also = f"nodes, each with a --help of its own: {nodes}" if nodes else ""
     parser = Parser(prog="tomotactile", description=__doc__, epilog=also)
     parser.also = f"; {also}" if also else ""

@@ -98,7 +98,7 @@ class Tracks:
         self._lock = Lock()
 
     @property
-    def last(self) -> bool:
+    def lasting(self) -> bool:
         """Whether contacts have not ended."""
         return bool(self._tracks)
 

@@ -89,6 +89,7 @@ UNDECIDED = "the deadline came before it was known what touches, if anything"
 NO_IMAGE = "something changed between the rows of the frame, or many readings are missing: no image is made"
 CONTRADICTS = "its readings contradict all others"  # why a channel is left out
 STILL = "a multiplexer, a converter or its supply is broken or not connected"
+_OF_COVERED = screening.STUCK, screening.OPEN  # what electrodes under a conductor seem to be
 _TIMES = 3  # frames without times that are withheld and looked at again, as if their rows had them
 _REPEATED = 4.0  # deviations of the mean square of two frames' difference, up to which it is noise
 _NO_IMAGE = np.empty((0, 0))
@@ -351,7 +352,7 @@ class Pipeline:
         if found.given is not given:  # of a frame before, whose search has ended since
             result.holds += found.given.began - given.began
             result.complete = False
-        if found.one_by_one and result.contacts and result.faults:
+        if found.one_by_one and result.contacts and _may_be_covered(result.faults):
             readings = np.fmax.reduce(self._rows_of(found.given)[0])
             result = self._without_covered(result, readings, given.drive_voltage)
         if self.settings.image == "none":
@@ -385,8 +386,7 @@ class Pipeline:
         """The same, in which no electrode is named of which readings (E,), V, are those of what touches
         it."""
         covered = covered_electrodes(self.layout, result.contacts, readings, drive_voltage)
-        looks = screening.STUCK, screening.OPEN
-        pinned = {e for e, why in result.faults.items() if why in looks and covered[e]}
+        pinned = {e for e, why in result.faults.items() if why in _OF_COVERED and covered[e]}
         faults = {e: why for e, why in result.faults.items() if e not in pinned}
         left_out = tuple(e for e in result.excluded if e not in pinned)
         return replace(result, faults=faults, excluded=left_out)
@@ -594,7 +594,7 @@ class Pipeline:
             reason=followed.reason,
             faults=dict(state.left_out),
         )
-        if not contacts or screening.STUCK not in state.left_out.values():
+        if not contacts or not _may_be_covered(state.left_out):
             return result
         before = state.before
         return result if before is None else self._without_covered(result, before, state.drive)
@@ -908,7 +908,7 @@ class Pipeline:
         if shown is not None:
             return _Found(replace(shown, complete=False), given)
         frame, bad, local, measured = read
-        if measured is None or self._tracks.last:
+        if measured is None or self._tracks.lasting:
             faults = self._faults(frame, bad)
             result = self._withheld(UNDECIDED, bad, faults, math.nan, given.lasts / 2)
             return _Found(replace(result, complete=False), given)
@@ -1099,6 +1099,11 @@ def _wider(contact: ContactEstimate, aside: float) -> ContactEstimate:
     """The same contact whose place is `aside` m off, standard deviation in x and in y, beside what it was."""
     xx, xy, yx, yy = contact.position_covariance
     return replace(contact, position_covariance=(xx + aside**2, xy, yx, yy + aside**2))
+
+
+def _may_be_covered(faults: dict[int, str]) -> bool:
+    """Whether some of the electrodes {electrode: why it is left out} are as those under a conductor."""
+    return any(why in _OF_COVERED for why in faults.values())
 
 
 def _potential(conductance: np.ndarray, impedance: float, given: _Given) -> np.ndarray:

@@ -76,10 +76,10 @@ def covered_electrodes(
     and that one of the `contacts` may cover: what conducts that well on an electrode pins its reading, which
     is no defect. The end of a long one is as far from the disc that it is told as as a spacing."""
     pinned = readings > (1 - _GAINS_DIFFER) * drive_voltage
-    covered = np.zeros(len(pinned), bool)
+    covered, reach = np.zeros(len(pinned), bool), float(np.median(layout.pitches))
     for contact in contacts:
         apart = np.hypot(*(layout.positions - [contact.x, contact.y]).T)
-        covered |= apart < contact.radius + np.median(layout.pitches)
+        covered |= apart < contact.radius + reach
     return covered & pinned
 
 

@@ -71,7 +71,7 @@ class RowModel {
   const Vector& gain() const { return sensor_.gain; }
   const Vector& deviation() const { return sensor_.deviation; }
   // ln c of a contact that raises the reading of an electrode near it by one standard deviation of noise.
-  double faintest() const { return std::log(std::sqrt(sensor_.alone.mean()) * 2 * M_PI / sheet_->tables().resistance); }
+  double faintest() const { return std::log(std::sqrt(sensor_.alone.mean()) * 2 * kPi / sheet_->tables().resistance); }
   const Discs& wide() const { return wide_; }
   void shares(const Discs& contacts, Matrix& share, std::array<Matrix, 2>& slopes) const;  // H, n x k; slopes, 1/m
   Matrix shares_added(const Points& places) const;  // n x K: what the sheet as it is known adds to H of an even one
