@@ -133,8 +133,7 @@ class Outputs:
             self._touched.publish(Bool(data=touched))
 
     def withhold(self, reason: str, header: Header, complete: bool = True) -> None:
-        """Say that contacts are not known at the time of `header`, whether or not all was tried; no image
-        is published."""
+        """Say that contacts are not known at the time of `header`, whether or not all was tried."""
         with self._order:
             self._withhold(withheld_message(header, reason, complete=complete))
 

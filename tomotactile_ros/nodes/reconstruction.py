@@ -272,20 +272,20 @@ class Reconstruction:
         shown = result
         if followed and result.reason:  # rows may know meanwhile
             shown = self._drawn_by_rows(pipeline) or result
-        if shown.reason:
-            if not followed:
-                self._outputs.withhold(result.reason, holds, result.complete)
-        else:
-            drawn = values["image"] != "none"
-            if drawn and not np.isfinite(pipeline.grid.gather(shown.pressure)).all():
-                raise InputError(
-                    "the image has infinite pressures: are the voltages in V, and is the contact law right?"
-                )
-            if not followed and values["contacts"]:  # before the pictures, which may take long
+        drawn = values["image"] != "none"
+        finite = drawn and bool(np.isfinite(pipeline.grid.gather(shown.pressure)).all())
+        if drawn and not finite and not shown.reason:
+            raise InputError(
+                "the image has infinite pressures: are the voltages in V, and is the contact law right?"
+            )
+        if not followed:  # before the pictures, which may take long
+            if shown.reason:
+                self._outputs.withhold(shown.reason, holds, shown.complete)
+            elif values["contacts"]:
                 self._outputs.publish_contacts(shown.contacts, holds, shown.complete)
-            if drawn:  # with the time of its frame, which may be one before
-                when = header if shown.holds >= 0 else holds
-                self._outputs.publish(shown.pressure, shown.contacts, when, shown.complete)
+        if finite:  # with the time of its frame, which may be one before
+            when = header if shown.holds >= 0 else holds
+            self._outputs.publish(shown.pressure, shown.contacts, when, shown.complete)
         self._excluded = result.excluded
         if not np.isnan(result.noise):  # it is the sensor's, also while no frame shows it
             self._noise = result.noise

@@ -898,8 +898,8 @@ class Pipeline:
 
     def _glance(self, given: _Given) -> _Found:
         """What was complete of a frame that this one repeats but for noise; else what one linear image
-        tells: its contacts, or that something presses somewhere where they do not explain it; nothing
-        where the readings need more than one look, or contacts last, none of which has ended by that."""
+        tells: its contacts, or that something presses somewhere where they do not explain it, the image alone
+        while contacts last, none of which has ended by that; nothing where the readings need more than one look."""
         whole = self._whole
         if whole is not None and _is_repeated(whole.given, given, self.settings.noise):
             return _Found(replace(whole.result, complete=False), given, None, whole.one_by_one)
@@ -908,20 +908,23 @@ class Pipeline:
         if shown is not None:
             return _Found(replace(shown, complete=False), given)
         frame, bad, local, measured = read
-        if measured is None or self._tracks.lasting:
+        if measured is None:
             faults = self._faults(frame, bad)
             result = self._withheld(UNDECIDED, bad, faults, math.nan, given.lasts / 2)
             return _Found(replace(result, complete=False), given)
         values = local.image(measured).astype(float)
         contact, pressure = all_as_one(values, local.spacing, self.settings.law, self.grid)
+        lasting = self._tracks.lasting
         potential = _potential(values, local.typical_impedance, given)
         result = Result(
             self.grid.fill(potential),
             self.grid.fill(pressure),
-            [contact],
+            [] if lasting else [contact],
             _numbers(bad),
             False,
             local.regularization(local.level(measured)),
+            state="withheld" if lasting else "valid",
+            reason=UNDECIDED if lasting else "",
             faults=self._faults(frame, bad),
             holds=given.lasts / 2,
             complete=False,

@@ -193,7 +193,8 @@ class Result:
     idle : nothing above the noise; the image is zero.
     regularization : lambda_J^2 in use.
     state : `valid`, or `withheld`: nothing explains the readings, and `reason` says why. Then there
-        are no contacts and the image is NaN: that is not the same as nothing that touches.
+        are no contacts, and the image is NaN unless only the deadline came before they were known: that is
+        not the same as nothing that touches.
     misfit : chi-squared per reading, about 1 where noise alone is left; NaN where nothing was
         fitted.
     faults : {electrode: why its channel is left out}
