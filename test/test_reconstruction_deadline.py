@@ -194,6 +194,23 @@ def test_what_no_image_explains_is_told_as_one_contact_or_withheld(layout):
     assert contact.id == 0  # it is none that can be followed
 
 
+def test_what_stands_for_all_releases_no_contact_that_lasts(layout, frames):
+    """In the place of two that were known it was a release of both: the image is shown, contacts are withheld."""
+    pipeline = Pipeline(layout, Settings("accurate"))
+    known = pipeline.process(frames[0])
+    touches = [
+        {"shape": "disc", "center": [x, y], "radius": 0.012, "force": 2.0}
+        for x in (-0.05, 0.0, 0.05)
+        for y in (-0.05, 0.0, 0.05)
+    ]
+    many = Simulator(layout, _with_contacts(load_scene("default"), touches)).measure(0.0)
+    cut = pipeline.process(replace(many, stamp=frames[1].stamp), deadline=AT_ONCE)
+    pipeline.stop()
+    assert known.contacts and cut.contacts == [] and not cut.complete
+    assert cut.state == "withheld" and "deadline" in cut.reason
+    assert cut.pressure[np.isfinite(cut.pressure)].max() > 0
+
+
 def _with_contacts(scene, touches):
     return replace(scene, contacts=tuple(Contact(**each) for each in touches), noise=scene.noise)
 
