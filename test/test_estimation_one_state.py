@@ -104,13 +104,13 @@ def test_a_channel_that_breaks_under_a_touch_that_rests_is_named():
     sensor, state = Estimator(load_layout("equal-8x8"), noise=NOISE, law=LAW, radius=0.005), State()
     whole = frame("equal-8x8")
     broken, random = whole.copy(), np.random.default_rng(4)
-    for volts in (whole, broken, broken):
+    for number, volts in enumerate((whole, broken, broken)):  # once, it may be a touch that ended
         said = sensor.estimate(volts, np.arange(64), DRIVE, state, 1e-3)
         assert said.state == "valid" and len(said.contacts) == 2
         for press in PRESSES:
             apart = [np.hypot(c.x - press.center[0], c.y - press.center[1]) for c in said.contacts]
             assert min(apart) < 5e-4
-        assert said.left_out == ({} if volts is whole else {30: CONTRADICTS})
+        assert said.left_out == ({30: CONTRADICTS} if number == 2 else {})
         broken[:, 30] = random.uniform(0, DRIVE, 64)
 
 

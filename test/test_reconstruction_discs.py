@@ -84,10 +84,10 @@ def test_a_force_that_is_known_from_below_is_at_least_that(pipelines):
         (contact,) = pipelines["fast"].process(frame, GROUNDED, DRIVE).contacts
         if np.isinf(contact.force_std):
             bounded += 1
-            assert contact.force < force
+            assert contact.force < force, (contact, force)
         else:
-            assert abs(contact.force - force) < 2.5 * contact.force_std
-    assert 5 < bounded < 20
+            assert abs(contact.force - force) < 2.5 * contact.force_std, (contact, force)
+    assert 0 < bounded < 10
 
 
 def test_what_lies_upon_an_electrode_of_a_coarse_grid_is_there():
@@ -189,3 +189,13 @@ def test_the_force_of_a_bare_conductor_is_at_least_what_fast_says(pipelines, pre
         (contact,) = pipelines["fast"].process(frame, GROUNDED, DRIVE).contacts
         assert not np.isfinite(contact.force_std)  # not known at all of what is wider than a disc
         assert contact.force < pressure * np.pi * 25e-6
+
+
+def test_where_one_step_does_not_tell_the_force_the_estimator_does(pipelines):
+    """Of 18.4 N, `fast` said at least 6.6 N."""
+    radius = 0.0115
+    (frame,) = frames_of(
+        load_layout("equal-8x8"), [(0.001, 0.002, radius, 18.4 / (np.pi * radius**2))]
+    )
+    (contact,) = pipelines["fast"].process(frame, GROUNDED, DRIVE).contacts
+    assert abs(contact.force - 18.4) < 2 * contact.force_std < 6.0

@@ -182,3 +182,66 @@ def test_a_touch_that_begins_is_no_fault(profile, place, force, radius, begun, l
             (found,) = result.contacts
             apart = 1e3 * np.hypot(found.x - contact.center[0], found.y - contact.center[1])
             assert apart < 10
+
+
+@pytest.mark.parametrize(
+    "layout, contacts, seed",
+    [
+        (  # 0 and 9 seemed to be exchanged: the first row was untouched
+            "optimized-4x4",
+            [("disc", (-83.53, -25.97), {"radius": 0.01664}, 3.488, 2.00186, 5.814)],
+            71,
+        ),
+        (  # 14 and 15 contradicted all others: one of two had ended before they were grounded
+            "touch-4x4",
+            [
+                ("disc", (57.68, 85.93), {"radius": 0.00811}, 3.284, 2.8549, np.inf),
+                (
+                    "rectangle",
+                    (-58.03, -78.97),
+                    {"size": (0.01628, 0.00814), "angle": 123.1},
+                    2.635,
+                    2.393,
+                    4.815,
+                ),
+            ],
+            2,
+        ),
+    ],
+)
+def test_what_begins_or_ends_within_a_frame_is_no_fault(layout, contacts, seed):
+    layout, period = load_layout(layout), 16 * ROW_PERIOD
+    presses = [
+        Contact(
+            shape,
+            center=[1e-3 * value for value in place],
+            force=force,
+            start=begins * period,
+            end=ends * period,
+            **form,
+        )
+        for shape, place, form, force, begins, ends in contacts
+    ]
+    scene = Scene("taps", DRIVE, presses, LAW, Noise(1e-3, seed), Adc(12, DRIVE))
+    simulator, pipeline = Simulator(layout, scene), Pipeline(layout, Settings("accurate"))
+    for number in range(7):
+        result = pipeline.process(simulator.measure(number * period, number))
+        assert result.faults == {} and result.excluded == (), number
+
+
+@pytest.mark.parametrize("profile", ["fast", "accurate"])
+def test_an_electrode_under_a_conductor_is_not_left_out(profile):
+    """Of two bare contacts 32 mm apart, one upon an electrode and one at the rim of another, one was
+    reported, between them: what both electrodes read was taken for that of broken channels."""
+    discs = [
+        Contact("disc", center=(x, 0.01429), radius=0.005, pressure=20000.0)
+        for x in (0.01429, -0.01771)
+    ]
+    scene = Scene("bare", DRIVE, discs, noise=Noise(1e-3), adc=Adc(12, DRIVE))
+    simulator = Simulator(LAYOUT, scene)
+    pipeline = Pipeline(LAYOUT, Settings(profile, contact_law=None))
+    for number in range(2):
+        result = pipeline.process(simulator.measure(0.064 * number, number))
+        assert not result.reason and result.faults == {} and result.excluded == ()
+        found = sorted((c.x, c.y) for c in result.contacts)
+        assert np.allclose(found, sorted(tuple(each.center) for each in discs), atol=1e-3)

@@ -201,17 +201,20 @@ Seen FirstLook::points(double radius) const {
   Slid found;
   found.places.resize(2, 0), found.left = total_;
   bool settled = false;
-  while (found.places.cols() < sheet_->count() && found.left > noise_) {
+  for (Index picks = 0; picks < sheet_->count() && found.left > noise_;) {
     Index best;
     const double explained = gains(found, settled).maxCoeff(&best);
     double enough = std::max(beside(found, best), kFurther * found.left);
     if (!settled) enough = std::max(enough, kExplained * total_);
     if (explained > enough) {
-      Points more(2, found.places.cols() + 1);
-      more << found.places, pixels_.col(best);
+      std::vector<Index> kept;  // others conduct nothing since points came beside them
+      for (Index i = 0; i < found.places.cols(); ++i)
+        if (found.strengths[i] > 0) kept.push_back(i);
+      Points more(2, Index(kept.size()) + 1);
+      more << found.places(Eigen::all, kept), pixels_.col(best);
       Slid tried = slid(std::move(more), radius, kSteps);
-      if (are_contacts(tried)) {
-        found = std::move(tried), settled = false;
+      if (are_contacts(tried) && tried.strengths[Index(kept.size())] > 0) {
+        found = std::move(tried), settled = false, ++picks;
         continue;
       }
     }

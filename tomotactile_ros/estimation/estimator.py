@@ -18,6 +18,7 @@ from tomotactile_ros.estimation.as_cut import AsCut
 from tomotactile_ros.estimation.channels import SENSOR, UNKNOWN, ChannelPrior
 from tomotactile_ros.estimation.equations import SAME, Equations, similar
 from tomotactile_ros.estimation.fit import Fit
+from tomotactile_ros.estimation.fits import MISFIT
 from tomotactile_ros.estimation.forward import Unknowns
 from tomotactile_ros.estimation.ground import (
     ALIKE,
@@ -49,10 +50,12 @@ from tomotactile_ros.estimation.reported import (
 from tomotactile_ros.estimation.reported_shape import contacts_of_shape
 from tomotactile_ros.estimation.scatter import scatter
 from tomotactile_ros.estimation.screening import (
+    AT_DRIVE,
     OPEN,
     STUCK,
     clipped,
     dead_channels,
+    driven_channels,
     latest_state,
     open_grounds,
     stuck_channels,
@@ -178,6 +181,12 @@ class State:
     joined: tuple[np.ndarray, np.ndarray, dict[int, float]] | None = None
     noise: float = 0.0
     settling: Settling | None = None  # what readings keep of the row before, where they do
+    # channels that contradicted the others in the last frame that was asked, or rows of another state did
+    doubted: frozenset[int] = frozenset()
+
+    def become(self, other: State) -> None:
+        """Go on as another one."""
+        vars(self).update(vars(other))
 
     def forget(self) -> None:
         self.unknowns = self.sensor = self.equations = self.fit = self.joined = None
@@ -294,7 +303,43 @@ class Estimator:
     ) -> tuple[Estimate, tuple[float, int] | None]:
         """`estimate` of readings with `noise`, V rms, and what they show of it: its variance in parts of
         that, and the number of readings; None where they do not. `scan` : as they were read; `_Unsettled`
-        where these keep a part of the row before, if that is `asked`."""
+        where these keep a part of the row before, if that is `asked`.
+
+        A channel that never changes and is driven lies under a conductor, or is broken: what the readings of
+        all others contradict is not so.
+        """
+        given = row_period, noise, follow, scan, asked
+        read = np.isfinite(voltages)
+        read[np.arange(len(grounded)), grounded] = False
+        covered = driven_channels(voltages, read, self.noise, drive_voltage)
+        while covered.any():
+            trial = replace(state)
+            found = self._look_without(voltages, grounded, drive_voltage, trial, *given, covered)
+            if trial.fit is None or not found[0].contacts or found[0].misfit > MISFIT:
+                break
+            broken = covered & ~_are_driven(trial.fit)
+            if not broken.any():
+                state.become(trial)
+                return found
+            covered &= ~broken
+        none = np.zeros_like(covered)
+        return self._look_without(voltages, grounded, drive_voltage, state, *given, none)
+
+    def _look_without(
+        self,
+        voltages: np.ndarray,
+        grounded: np.ndarray,
+        drive_voltage: float,
+        state: State,
+        row_period: float,
+        noise: float,
+        follow: ByRows | None,
+        scan: _Scan,
+        asked: bool,
+        covered: np.ndarray,
+    ) -> tuple[Estimate, tuple[float, int] | None]:
+        """The same where the electrodes `covered` (E,) lie under a conductor, whose currents into them say
+        nothing of the sheet."""
         left_out = {e: EXCLUDED for e in self.excluded}
         if not len(grounded):
             return Estimate([], [], "withheld", "no row was read", left_out), None
@@ -303,12 +348,14 @@ class Estimator:
         read = valid.copy()
         read[own] = True
         valid[own] = False
+        valid[covered[grounded]] = False
         for electrode in np.flatnonzero(dead_channels(read)):
             left_out.setdefault(int(electrode), "no readings")
         everything = tuple(range(self.layout.electrodes))
         without = voltages - self.offsets(everything)
         # by the noise that was said: what channels have more, one that is stuck does not show
-        for electrode in np.flatnonzero(stuck_channels(without, valid, self.noise)):
+        stuck = stuck_channels(without, valid, self.noise) & ~covered
+        for electrode in np.flatnonzero(stuck):
             left_out.setdefault(int(electrode), STUCK)
         used = tuple(e for e in range(self.layout.electrodes) if e not in left_out)
         if len(used) < 2:
@@ -363,7 +410,9 @@ class Estimator:
             begins = partial(
                 self._begins, search, prior=prior, noise=noise, before=before, state=state
             )
-            judge = partial(self._consistent, search, prior=prior, noise=noise, left_out=left_out)
+            judge = partial(
+                self._consistent, search, prior=prior, noise=noise, left_out=left_out, state=state
+            )
             fit, first, torn = self._fit(
                 search, rows, prior, start, state, begun > 0, begins, judge, followed
             )
@@ -752,11 +801,13 @@ class Estimator:
         prior: Prior,
         noise: float,
         left_out: dict[int, str],
+        state: State,
     ) -> Rows:
         """Rows without the channels that contradict all others; `_Contradiction` where no contacts can
         explain them.
 
-        torn : whether rows that do not agree are of several states
+        torn : whether rows that do not agree may be of several states: then channels are named by two frames
+            in turn, as what begins or ends contradicts all others in the rows after it
         """
         quiet = search.untouched(rows, prior)
         if quiet is not None:
@@ -771,7 +822,9 @@ class Estimator:
                 raise _Contradiction(CHANGED, found)
             if found.chi_squared > self._most_left(noise) * rows.count:
                 raise _Contradiction(_unexplained(found.chi_squared, rows), found)
-        left_out.update({int(search.operator.used[each]): CONTRADICTS for each in bad})
+        named = frozenset(int(search.operator.used[each]) for each in bad)
+        left_out.update(dict.fromkeys(named & state.doubted if torn else named, CONTRADICTS))
+        state.doubted = named
         return rows
 
     def _refusal(self, fit: Fit, torn: bool, noise: float) -> str:
@@ -889,6 +942,14 @@ def _unexplained(chi_squared: float, rows: Rows) -> str:
     signal = float((rows.weights * rows.readings**2).sum())
     left = np.sqrt(max(chi_squared - 1.5 * rows.count, 0.0) / max(signal, 1e-300))
     return f"no contacts explain the readings ({left:.1%} of them is left over), or something changed in the last rows"
+
+
+def _are_driven(fit: Fit) -> np.ndarray:
+    """(E,) electrodes that read the drive voltage by what a fit has found to touch them."""
+    driven = np.zeros(fit.operator.layout.electrodes, bool)
+    predicted = fit.rows.readings - fit.misfit
+    driven[fit.operator.used] = np.median(predicted, axis=0) > AT_DRIVE
+    return driven
 
 
 def _explains(fit: Fit) -> bool:

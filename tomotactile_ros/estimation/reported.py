@@ -32,6 +32,7 @@ CROWDING = 0.015
 # of the mean D of a contact: with less resistance of its own it is a bare conductor as far as readings
 # tell, a smaller one that conducts better looks the same; and that D in parts of R_s / 2 pi at least
 BARE, _LEAST_WAY = 0.2, 0.4
+BELOW = 2.0  # deviations of a force, which one that is known from below alone is more than that
 ANYWHERE = (
     "the readings are too small to say where they come from: something that hardly presses, or offsets "
     "of the channels, which a tare removes"
@@ -148,8 +149,6 @@ def _contact(
     radius = float(np.sqrt(area / np.pi))
     sheet = operator.resistance
     known, bare = told(prediction.conductances[i], prediction.means[i], sheet)
-    g = known * covered
-    pressure = float(law.pressure(g / area))
     there = fit.equations.prediction  # near, and its derivatives are known
     slope = there.force_slope(i, law.exponent)[free]
     noise = slope @ fit.covariance[at, at] @ slope * fit.doubt
@@ -157,6 +156,11 @@ def _contact(
     ways[i] -= IMPEDANCE_FLOOR * there.force_by_impedance(i, law.exponent)
     unknown = ways @ ways + crowded(known, sheet) ** 2
     relative = float(np.sqrt(noise + FORCE_FLOOR**2 + unknown))
+    least = known * float(np.exp(-BELOW * relative))
+    if not bare and told(known**2 / least, prediction.means[i], sheet)[1]:
+        known, bare = least, True  # it may be one
+    g = known * covered
+    pressure = float(law.pressure(g / area))
     relative = np.inf if bare else min(relative, MOST_RELATIVE)
     ahead = fit.rows.last
     x, y = prediction.touches.centre(i) + ahead * u.rates[i, :2]

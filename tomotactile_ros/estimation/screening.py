@@ -23,6 +23,10 @@ _ENOUGH = 9
 # V: a channel that reads more than that, always the same, while nothing drives the others is stuck:
 # offsets are a few mV
 _RAISED = 0.02
+# of the drive voltage: mean reading of an electrode under a conductor, whose channel has a gain; and the median of
+# all: a conductor on an electrode drives the others but for the one that is grounded, and half way between two
+# electrodes is half the voltage
+AT_DRIVE, _ALL_RAISED = 0.9, 0.25
 _REPEATED = 8  # readings of one and the same highest value that only an end of the range gives
 _ABOVE = 3.0  # times as many as have the value below
 # of the drive voltage: how far below it the highest code of a converter of 6 to 14 bits is that has it as
@@ -53,6 +57,19 @@ def stuck_channels(readings: np.ndarray, valid: np.ndarray, noise: float) -> np.
         low, high = _range(readings[valid[:, n]], valid[valid[:, n]])
         stuck[n] = np.median(high - low) > _ALIVE * _STUCK * noise
     return stuck
+
+
+def driven_channels(
+    readings: np.ndarray, valid: np.ndarray, noise: float, drive_voltage: float
+) -> np.ndarray:
+    """(E,) channels that never change as those of electrodes under a conductor do, which is at the drive
+    voltage, V, or those whose wires are broken there."""
+    stuck = stuck_channels(readings, valid, noise)
+    if not stuck.any():
+        return stuck
+    level = np.where(valid, readings, 0.0).sum(axis=0) / np.maximum(valid.sum(axis=0), 1)
+    driven = level > AT_DRIVE * drive_voltage
+    return stuck & driven & bool(np.median(level) > _ALL_RAISED * drive_voltage)
 
 
 def _range(readings: np.ndarray, valid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

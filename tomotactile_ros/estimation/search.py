@@ -103,6 +103,7 @@ BOUNDED = 8
 # patches, in all evaluations of the forward model for one frame: what no few discs explain is given
 # up
 BUDGET = 25000
+_FOR_OTHERS = 0.5  # of what is left of that, kept for other forms while small discs are fitted with the sensor
 FIRST_LOOK = 2000  # the same of a search that begins with what was there before
 _TOLD = 0.5  # of the deviation of speeds before any row: below, readings tell how fast a contact is
 _MOVES = 5.0  # standard deviations of its speed, at which a contact moves
@@ -477,6 +478,8 @@ class Search(Fits):
             found = self._simplified(self._solve(first.unknowns, first))
         for which in range(len(found.unknowns.contacts)):
             found = self._beyond(found, which)
+            if self.meets_electrode(found.unknowns.contacts)[which]:
+                found = self._other_sizes(found, which)
         short = self._falls_short(found)
         if shapes and short and not (self._changing or self._round):
             found = self._of_any_shape(found, look, rest)
@@ -729,7 +732,10 @@ class Search(Fits):
             return None
         if self._after_a_step(discs) > SUSPECT * like.rows.count:
             return None
+        kept = _FOR_OTHERS * self._left
+        self._left -= kept
         found = self._simplified(self._solve(discs.unknowns, discs))
+        self._left += kept
         likely = _is_likely(found.prior.apart(found.unknowns), found.prior)
         return found if likely and not self._falls_short(found) else None
 

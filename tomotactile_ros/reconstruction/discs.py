@@ -140,8 +140,7 @@ class Disc:
     """place (2,) m; conductance g a^2 pi, S; radius, m.
 
     covariance (2, 2) of the place, m^2; spread (2, 2) the same of the logarithms of conductance and
-    radius; certainty : conductance in standard deviations; hidden : how much it conducts, by an electrode
-    under it
+    radius; certainty : conductance in standard deviations
     """
 
     place: np.ndarray
@@ -150,7 +149,6 @@ class Disc:
     covariance: np.ndarray
     spread: np.ndarray
     certainty: float
-    hidden: bool
 
 
 @dataclass(frozen=True)
@@ -297,7 +295,6 @@ def _sized(local, noise, left, point, radius) -> Disc:
         point.covariance[1:, 1:] + (_PLACE_ERROR * local.spacing) ** 2 * np.eye(2),
         spread,
         float(point.covariance[0, 0]) ** -0.5,
-        bool(hidden),
     )
 
 

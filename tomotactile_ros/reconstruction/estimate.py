@@ -48,14 +48,12 @@ class Strength:
 @dataclass(frozen=True)
 class Image:
     """values (K,), effective conductance of each pixel, S; its blobs; how strongly each conducts;
-    `left_over` of the currents, in parts of them, that no strengths of these contacts explain; whether an
-    electrode hides how strong one is."""
+    `left_over` of the currents, in parts of them, that no strengths of these contacts explain."""
 
     values: np.ndarray
     blobs: list[Blob]
     strengths: list[Strength]
     left_over: float
-    hidden: bool
 
 
 def described(
@@ -83,8 +81,7 @@ def described(
     if most_together(np.array([each.position for each in found]), local.spacing) > 2:
         return None
     left_over = _left_over(found, measured, local)
-    hidden = any(discs[i].hidden for i in kept)
-    return Image(values, [blobs[i] for i in kept], found, left_over, hidden)
+    return Image(values, [blobs[i] for i in kept], found, left_over)
 
 
 def _strength(disc: Disc, most: float) -> Strength:

@@ -22,6 +22,7 @@ from tomotactile_ros.estimation.row_checks import IN_TURN
 from tomotactile_ros.estimation.row_estimator import RowEstimator, RowsState
 from tomotactile_ros.estimation.screening import dead_channels as unread_channels
 from tomotactile_ros.estimation.screening import (
+    driven_channels,
     latest_state,
     open_grounds,
     stuck_channels,
@@ -35,6 +36,7 @@ from tomotactile_ros.estimation.tracks import Tracks
 from tomotactile_ros.frame import DEFAULT_DRIVE, Frame
 from tomotactile_ros.layouts.grid import Grid
 from tomotactile_ros.layouts.layout import Layout, check_layout, check_on_sheet
+from tomotactile_ros.layouts.region import enclosed
 from tomotactile_ros.learning.state import SensorState
 from tomotactile_ros.reconstruction.deadline import Within
 from tomotactile_ros.reconstruction.estimate import (
@@ -778,6 +780,9 @@ class Pipeline:
         part = frame[np.ix_(used, used)].astype(np.float32)
         if len(used) < FEWEST or idle:
             return None
+        left, noise = 1 - part / drive_voltage, self.settings.noise / drive_voltage
+        if latest_state(left, np.isfinite(part), noise):
+            return None
         if np.count_nonzero(np.isnan(part)) > len(used):
             return None
         meter = self._model.local(used).meter
@@ -854,8 +859,8 @@ class Pipeline:
         for a frame that one linear step is not made for, see `_read`, or with which something is wrong."""
         if self.fits or self._mistake(given):
             return None
-        shown = self._shown(given, self._read(given), at_a_glance=False)
-        if shown is None:
+        shown = self._shown(given, self._read(given, named=False))
+        if shown is None or any(self._asks_for_more(each) for each in shown.contacts):
             return None
         if not self._within.busy:
             self._state.forget()
@@ -863,9 +868,16 @@ class Pipeline:
         self._imaged_before = given  # should the next frame need what was there
         return _Found(self._settled(shown), given)
 
-    def _shown(self, given: _Given, read: tuple, at_a_glance: bool = True) -> Result | None:
+    def _asks_for_more(self, contact: ContactEstimate) -> bool:
+        """Whether one linear step does not tell a contact: how hard it is pressed, as it conducts nearly as a
+        bare one does, or where it is beyond the electrodes, as few of them see it."""
+        unknown = self.settings.contact_law is not None and math.isinf(contact.force_std)
+        place = np.array([[contact.x, contact.y]])
+        return unknown or not enclosed(place, self.layout.positions, self.layout.radius)[0]
+
+    def _shown(self, given: _Given, read: tuple) -> Result | None:
         """What the linear image says of a frame `read` as `_read` does; None where one step is not
-        enough: `at_a_glance` a contact whose force an electrode hides does for its place."""
+        enough."""
         frame, bad, local, measured = read
         if local is None:
             if not self._rests(frame, bad):
@@ -874,7 +886,7 @@ class Pipeline:
         image = None
         if measured is not None and np.count_nonzero(~bad) >= FEWEST:
             image = described(local, measured, self._disc_change, self.settings.contact_radius)
-        if image is None or image.left_over > _LEFT_OVER or (image.hidden and not at_a_glance):
+        if image is None or image.left_over > _LEFT_OVER:
             return None
         level = self.settings.level
         if level is None:
@@ -965,13 +977,14 @@ class Pipeline:
         ]
         return sorted(found, key=lambda strength: -strength.conductance)
 
-    def _read(self, given: _Given, doubtful: bool = False):
+    def _read(self, given: _Given, doubtful: bool = False, named: bool = True):
         """Ordered frame (E, E), channels left out (E,), `LocalImage`, `Grounded`; None for both if
         idle.
 
         None for the last alone where one linear step is not enough: readings are missing, the touch
-        began or ended between rows, or channels contradict reciprocity and none of them is broken. Where
-        `doubtful` measurements will do, channels are not asked for that.
+        began or ended between rows, an electrode may lie under a conductor, or channels contradict
+        reciprocity, and those that do are not `named`, or none is. Where `doubtful` measurements will do,
+        channels are not asked for that.
         """
         voltages, grounded, drive_voltage = given[:3]
         settling = self._state.settling
@@ -989,13 +1002,17 @@ class Pipeline:
         noise = self.settings.noise
         read = ~np.isnan(frame) & ~bad & ~bad[:, None]
         left = 1 - np.where(read, frame, drive_voltage) / drive_voltage
-        bad |= open_grounds(left, read, noise / drive_voltage) & read.any(axis=1)
+        covered = open_grounds(left, read, noise / drive_voltage) & read.any(axis=1)
+        bad |= covered
+        covered |= driven_channels(frame, ~np.isnan(frame), noise, drive_voltage)
         changes = latest_state(left[~bad], read[~bad], noise / drive_voltage) > 0
         used = np.flatnonzero(~bad)
         if len(used) < 2:
             return frame, bad, None, None
-        local, measured = self._measure(frame, bad, drive_voltage, doubtful)
-        return frame, bad, local, None if changes else measured
+        local, measured = self._measure(frame, bad, drive_voltage, doubtful, named)
+        if changes or (covered.any() and not doubtful):
+            measured = None
+        return frame, bad, local, measured
 
     def _silent(self, frame) -> tuple[np.ndarray, bool]:
         """(E,) channels of an ordered frame (E, E), V, that are excluded, dead or stuck, and whether the
@@ -1006,7 +1023,7 @@ class Pipeline:
         bad |= stuck_channels(frame, ~missing, noise)
         return bad, is_idle(frame, missing, bad, self.settings.threshold * noise)
 
-    def _measure(self, frame, bad, drive_voltage, doubtful):
+    def _measure(self, frame, bad, drive_voltage, doubtful, named):
         """`LocalImage` and `Grounded` of the good channels, see `_read`; broken ones are added to
         `bad` (E,)."""
         noise = self.settings.noise
@@ -1022,6 +1039,8 @@ class Pipeline:
             measured = local.meter.read(part, drive_voltage)
             if doubtful or not is_doubtful(local.meter, part, measured, noise):
                 return local, measured
+            if not named:
+                return local, None
             broken = broken_channels(part, drive_voltage, noise)
             if not broken.any():
                 broken = swapped_channels(local.meter, part, drive_voltage, measured)
