@@ -136,7 +136,7 @@ def test_rows_may_be_missing_repeated_and_in_any_order(at_rest, order):
     whole = pipeline.process(frame[order], order, DRIVE, ROW_PERIOD)
     assert len(whole.contacts) == 1 and is_at(whole.contacts[0], RESTING, 2e-3)
     assert whole.holds == pytest.approx((len(order) - 1) * ROW_PERIOD)
-    rows = RowEstimator(pipeline._estimates(), frames=False)
+    rows = RowEstimator(pipeline.estimator, frames=False)
     state = RowsState(waits=False)
     for i, ground in enumerate(order):
         found = rows.estimate(frame[ground], ground, DRIVE, i * ROW_PERIOD, state).contacts

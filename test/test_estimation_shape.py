@@ -132,13 +132,13 @@ def test_an_l_on_sixteen_electrodes_is_one_contact_from_the_first_frame_on(profi
 
 def test_five_contacts_on_sixteen_electrodes_are_no_shape():
     """Cells chosen among seventy explain them as well, and were one shape with 3 of 30 contacts in the
-    right place."""
+    right place. Three within half a spacing are one."""
     scores = [
         score_frame(result.contacts, truth) for result, truth in pressed("5 contacts", "crowd-4x4")
     ]
     assert sum(score.true for score in scores) == 30
     assert sum(score.ghosts + score.doubled for score in scores) <= 1
-    assert sum(score.missed for score in scores) <= 7
+    assert sum(score.missed for score in scores) <= 8
 
 
 def test_two_contacts_of_5_mm_and_16_mm_apart_are_no_rod():

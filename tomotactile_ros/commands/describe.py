@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.operator import operator_for
 from tomotactile_ros.layouts.layout import Layout, load_layout
 from tomotactile_ros.learning import findings
 from tomotactile_ros.learning.file import load_sensor
@@ -50,7 +50,7 @@ def describe_sensor(path: Path, content: Mapping, layout: str | None) -> Iterato
     state = load_sensor(path, found)
     if state.time > 0:
         yield f"  last touch {_when(state.time)}"
-    operator = SheetOperator(found)
+    operator = operator_for(found)
     for line in findings.of_state(state, operator, np.arange(found.electrodes)):
         yield f"  {line}"
 

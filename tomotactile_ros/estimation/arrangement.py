@@ -20,6 +20,8 @@ from tomotactile_ros.estimation.touch import (
     patches_for,
     patches_of,
 )
+from tomotactile_ros.layouts.layout import Layout
+from tomotactile_ros.layouts.region import enclosed
 
 _DISC = np.array([True] * 4 + [False] * 2)  # parameters of a disc that are free
 _OVERLAP = 0.9  # of the larger radius: contacts nearer to each other are one
@@ -47,6 +49,17 @@ def other_sides(place: np.ndarray, centre: np.ndarray) -> np.ndarray:
     other sides: there readings are much the same."""
     x, y = place - centre
     return centre + np.array([[-x, -y], [-y, x], [y, -x]])
+
+
+def beyond(place: np.ndarray, layout: Layout, used: np.ndarray) -> np.ndarray:
+    """(m, 2) m, on which other sides of the electrode next to a contact at `place` (2,) it may be where
+    few electrodes tell them apart: beyond the outermost of those in use, or it is there itself."""
+    centres = layout.positions[used]
+    starts = other_sides(place, centres[np.hypot(*(centres - place).T).argmin()])
+    starts = starts[layout.outline.contains(starts)]
+    if enclosed(place[None], centres, layout.radius)[0] and len(starts):
+        starts = starts[~enclosed(starts, centres, layout.radius)]
+    return starts
 
 
 def as_discs(unknowns: Unknowns, radii: np.ndarray, pitch: float) -> Unknowns:

@@ -37,7 +37,7 @@ from tomotactile_ros.estimation.one_state import (
     reciprocity,
     without_contradicting,
 )
-from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.operator import SheetOperator, operator_for
 from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.reported import (
     ANYWHERE,
@@ -177,8 +177,9 @@ class State:
     refused: float = 0.0  # what one more contact promised and did not keep
     needed: np.ndarray | None = None  # `Fit.needed` of the last fit
     fit: Fit | None = None  # of the last valid frame, for who follows rows from there on
-    # discs, the contact that each is part of, and what the cost grows by without it, as far as asked
-    joined: tuple[np.ndarray, np.ndarray, dict[int, float]] | None = None
+    # discs, the contact that each is part of, and as far as asked, what the cost grows by without it, and what is
+    # not known of a disc that may be elsewhere
+    joined: tuple[np.ndarray, np.ndarray, dict[int, float], dict[int, np.ndarray]] | None = None
     noise: float = 0.0
     settling: Settling | None = None  # what readings keep of the row before, where they do
     # channels that contradicted the others in the last frame that was asked, or rows of another state did
@@ -535,7 +536,7 @@ class Estimator:
         if used not in self._searches:
             if len(self._searches) >= _KEPT:
                 self._searches.pop(next(iter(self._searches)))
-            operator = SheetOperator(self.layout, self.model, used)
+            operator = operator_for(self.layout, self.model, used)
             if self.sensor is None and self._cut is not None:
                 operator = operator.cut_as(self._cut)
             self._searches[used] = self._made(operator)
@@ -858,15 +859,20 @@ class Estimator:
             return contacts_of_shape(fit, self.law)
         contacts, known = fit.unknowns.contacts, state.joined
         if known is None or not similar(contacts, known[0], fit.operator.pitch, SAME):
-            known = state.joined = contacts, groups(fit, search.allows), {}
-        _, of, lost = known
+            known = state.joined = contacts, groups(fit, search.allows), {}, {}
+        _, of, lost, aside = known
 
         def needed(each: int) -> float:
             if each not in lost:
                 lost[each] = search.lost_without(fit, of == each)
             return lost[each]
 
-        parts, group = contacts_of(fit, of, self.law, needed)
+        def elsewhere(which: int) -> np.ndarray:
+            if which not in aside:
+                aside[which] = search.elsewhere(fit, which)
+            return aside[which]
+
+        parts, group = contacts_of(fit, of, self.law, needed, elsewhere)
         return joined(parts, group), parts
 
 

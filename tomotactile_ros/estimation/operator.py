@@ -20,7 +20,8 @@ tomography).
 from __future__ import annotations
 
 from copy import copy
-from functools import cached_property
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import Any
 
@@ -57,6 +58,7 @@ from tomotactile_ros.sheet.fem import FemSheet
 
 # couplings above this part of the largest admittance change by a factor, others by a sum
 _SEEN = 2e-3
+_KEPT = 4  # operators, the last that were asked for: one takes 0.6 s with 64 electrodes
 _LATTICE = 21  # points along the longer side at which dH is known; it is smooth
 # of an electrode's own impedance: what its rim, and a contact that covers part of it, differ by
 # from frame to frame between this model and finite elements
@@ -491,3 +493,25 @@ def _gradients(
     edges = np.stack([c - b, a - c, b - a], axis=1)
     slope = np.stack([-edges[:, :, 1], edges[:, :, 0]], axis=-1) / (2 * area)[:, None, None]
     return corners, area, slope
+
+
+@dataclass(frozen=True)
+class _Of:
+    """A layout among those that are the `same` to an operator."""
+
+    layout: Layout = field(compare=False)
+    same: tuple
+
+
+def operator_for(
+    layout: Layout, model: str = "auto", used: ArrayLike | None = None
+) -> SheetOperator:
+    """The operator of a layout's sheet as drawn, made once for all who ask; arguments as of `SheetOperator`."""
+    same = layout.id, layout.sheet_resistance, layout.tolerance, layout.surface, layout.scan
+    used = np.arange(layout.electrodes) if used is None else np.asarray(used, int)
+    return _made(_Of(layout, same), model, tuple(used.tolist()))
+
+
+@lru_cache(maxsize=_KEPT)
+def _made(of: _Of, model: str, used: tuple[int, ...]) -> SheetOperator:
+    return SheetOperator(of.layout, model, used)

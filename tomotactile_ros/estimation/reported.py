@@ -91,7 +91,11 @@ class Estimate:
 
 
 def contacts_of(
-    fit: Fit, group: np.ndarray, law: ContactLaw, needed: Callable[[int], float]
+    fit: Fit,
+    group: np.ndarray,
+    law: ContactLaw,
+    needed: Callable[[int], float],
+    elsewhere: Callable[[int], np.ndarray],
 ) -> tuple[list[Contact], np.ndarray]:
     """The discs of a fit that are certain, strongest first, and of `group` (k,), the contact that each
     disc belongs to, what is theirs.
@@ -99,6 +103,7 @@ def contacts_of(
     needed : what the cost grows by without a contact, in parts of the doubt. It is asked where deviations do
         not make one certain: how well one conducts that covers an electrode no reading tells, yet all tell
         that it is there
+    elsewhere : (2, 2) m², second moment of the other places where a disc may as well be
     """
     if not len(fit.unknowns.contacts):
         return [], np.empty(0, int)
@@ -110,7 +115,10 @@ def contacts_of(
         certainties[group == each] = np.maximum(certainties[group == each], needed(int(each)))
     which = np.flatnonzero(certainties >= _LIKELY**2)
     floor = place_floor(fit, fit.equations.unevenness(fit))
-    found = [_contact(fit, int(i), covariance, bent, certainties[i], law, floor) for i in which]
+    found = [
+        _contact(fit, int(i), covariance, bent, certainties[i], law, floor, elsewhere(int(i)))
+        for i in which
+    ]
     sure = certainties[which] > _CERTAIN**2
     likely = [i for i, certain in enumerate(sure) if certain or not sure.any()]
     order = sorted(likely, key=lambda i: -found[i].force)
@@ -132,11 +140,13 @@ def _contact(
     certainty: float,
     law: ContactLaw,
     floor: float,
+    aside: np.ndarray,
 ) -> Contact:
     """Disc i of a fit.
 
     covariance (F, F) of the contacts' parameters; bent (F, k) how these answer to a standard
-    deviation of D of each contact; floor : of the deviation of its place, m
+    deviation of D of each contact; floor : of the deviation of its place, m; aside : (3, 3), what else is not
+    known of its place and of ln c
     """
     u, operator, prediction = fit.unknowns, fit.operator, fit.prediction
     free = u.free[i]
@@ -154,7 +164,7 @@ def _contact(
     noise = slope @ fit.covariance[at, at] @ slope * fit.doubt
     ways = slope @ bent[at]
     ways[i] -= IMPEDANCE_FLOOR * there.force_by_impedance(i, law.exponent)
-    unknown = ways @ ways + crowded(known, sheet) ** 2
+    unknown = ways @ ways + crowded(known, sheet) ** 2 + aside[2, 2]
     relative = float(np.sqrt(noise + FORCE_FLOOR**2 + unknown))
     least = known * float(np.exp(-BELOW * relative))
     if not bare and told(known**2 / least, prediction.means[i], sheet)[1]:
@@ -166,7 +176,7 @@ def _contact(
     x, y = prediction.touches.centre(i) + ahead * u.rates[i, :2]
     place = own[np.ix_([index[X], index[Y]], [index[X], index[Y]])]
     wide = WIDE_FLOOR * radius**2 / operator.pitch
-    place = place + np.eye(2) * (floor**2 + wide**2)
+    place = place + np.eye(2) * (floor**2 + wide**2) + aside[:2, :2]
     place = place + ahead**2 * np.diag(_velocity_variance(fit, i)) * fit.doubt
     return Contact(
         float(x),

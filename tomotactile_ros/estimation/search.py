@@ -21,6 +21,7 @@ from tomotactile_ros.estimation.arrangement import (
     LONG,
     as_discs,
     as_known,
+    beyond,
     chosen,
     clustered,
     halved,
@@ -356,6 +357,26 @@ class Search(Fits):
         others = self._coarse(chosen(fit.unknowns, ~which))
         found = solve(self.operator, others, fit.rows, fit.prior, most=FIRST_LOOK)
         return (found.cost - fit.cost) / fit.doubt
+
+    def elsewhere(self, fit: Fit, which: int) -> np.ndarray:
+        """(3, 3) what is not known of contact `which`, of its place, m, and of ln c, as it may as well be on
+        another side of an outermost electrode: second moment about where it is, each place as likely as its
+        fit."""
+        u, moment, likely = fit.unknowns, np.zeros((3, 3)), 1.0
+        place = u.contacts[which, :2]
+        for start in beyond(place, self.operator.layout, self.operator.used):
+            contacts = u.contacts.copy()
+            contacts[which, :2] = start
+            begun = self._coarse(replace(u, contacts=contacts))
+            found = solve(self.operator, begun, fit.rows, fit.prior, most=FIRST_LOOK)
+            apart = found.unknowns.contacts[which, :2] - place
+            if np.hypot(*apart) > _CONTINUED * self.operator.pitch:
+                stronger = np.log([each.prediction.conductances[which] for each in (found, fit)])
+                aside = np.append(apart, stronger[0] - stronger[1])
+                weight = np.exp(-max(found.cost - fit.cost, 0.0) / (2 * fit.doubt))
+                moment += weight * np.outer(aside, aside)
+                likely += weight
+        return moment / likely
 
     def at_rest(self, fit: Fit) -> Fit:
         """The same, or a fit of contacts that rest, if the readings tell that they do."""

@@ -40,7 +40,7 @@ from tomotactile_ros.estimation.equations import Linear, contact_priors
 from tomotactile_ros.estimation.fit import Fit
 from tomotactile_ros.estimation.forward import Prediction, Unknowns
 from tomotactile_ros.estimation.observation import Rows
-from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.operator import SheetOperator, operator_for
 from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.touch import (
     CONDUCTANCE,
@@ -173,7 +173,7 @@ class Expectation:
         operator: SheetOperator | None = None,
     ):
         self.layout, self.conditions = layout, conditions or Conditions()
-        self.operator = operator or SheetOperator(layout)
+        self.operator = operator or operator_for(layout)
         how = self.conditions
         channels = how.channels or ChannelPrior(1e-6, 1e-9, 1e-3, 1e-8, 1e-9)  # as good as known
         prior = Prior.unknown(self.operator, channels, how.radius, how.drive_voltage)

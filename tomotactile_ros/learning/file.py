@@ -21,7 +21,7 @@ import numpy as np
 
 from tomotactile_ros.estimation.as_cut import COUNT, torn
 from tomotactile_ros.estimation.channels import ChannelPrior
-from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.operator import SheetOperator, operator_for
 from tomotactile_ros.estimation.rim import WAYS
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.learning import findings
@@ -115,7 +115,7 @@ def load_sensor(path: str | os.PathLike, layout: Layout, model: str = "auto") ->
         "format", "layout", "geometry", "learned", "expected", "sheet", "correlation", _TEARS, *keys
     )
     _check_layout(reader, path, layout)
-    operator = SheetOperator(layout, model)
+    operator = operator_for(layout, model)
     count = layout.electrodes
     parts = [part for part in PARTS[1:] if part not in _ASIDE or part in reader]
     if _EXCESS in reader:

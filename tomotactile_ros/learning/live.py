@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tomotactile_ros.estimation.fit import Fit
-from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.operator import operator_for
 from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.screening import clipped, dead_channels
 from tomotactile_ros.estimation.search import Search
@@ -131,7 +131,7 @@ class LiveLearner:
     ):
         self.layout, self._noise, self._radius, self._model = layout, noise, radius, model
         self._excluded, self._kind = list(excluded), kind
-        self.operator = SheetOperator(layout, model)
+        self.operator = operator_for(layout, model)
         wide = WIDE.for_layout(layout)
         self.state = self._start = state or SensorState.unknown(self.operator, wide)
         self._lock = threading.Lock()  # guards what `offer` leaves for `work`
@@ -369,7 +369,7 @@ class LiveLearner:
         elapsed = max(frame.time - self.state.time, 0.0) if self.state.time else 0.0
         state = self.state.walked(elapsed)
         if learner is None:
-            operator = SheetOperator(self.layout, self._model, np.array(used))
+            operator = operator_for(self.layout, self._model, np.array(used))
             like = Prior.unknown(
                 operator, WIDE.for_layout(operator.layout), self._radius, frame.drive
             )

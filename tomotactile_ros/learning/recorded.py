@@ -19,7 +19,7 @@ from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.fit import Fit
 from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.one_state import reciprocity
-from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.operator import SheetOperator, operator_for
 from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.reciprocity import Gains, fit_gains
 from tomotactile_ros.estimation.screening import STUCK, clipped, dead_channels, stuck_channels
@@ -176,7 +176,7 @@ def _learned(
     used = np.array([e for e in range(layout.electrodes) if e not in faults])
     if len(used) < 2:
         raise InputError("fewer than two electrodes can be read")
-    operator, wide = SheetOperator(layout, model, used), WIDE.for_layout(layout)
+    operator, wide = operator_for(layout, model, used), WIDE.for_layout(layout)
     state = state or SensorState.unknown(operator, wide)
     like = Prior.unknown(operator, wide, radius, drive)
     learner = Learner(Search(operator), like, drive, state)

@@ -88,12 +88,9 @@ class Rows:
         new = len(self._of) != len(of) or any(a is not b for a, b in zip(of, self._of))
         state = self._state
         if new or state is None or not self.come:
-            follows, self._known = pipeline.follows, False
+            self._known = False
             state = self._state = pipeline.rows(waits=False)
             self._of = of
-            if not follows:  # that took seconds, in which contacts came from frames
-                self.watch.skip(rows.sequence, len(rows.grounded))
-                return
         self._last = self._now()
         begun, every = time.monotonic(), self._values()["publish_every"]
         for i, (voltages, ground) in enumerate(zip(rows.voltages, rows.grounded)):

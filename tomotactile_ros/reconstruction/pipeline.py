@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tomotactile_ros.estimation import screening
+from tomotactile_ros.estimation.arrangement import beyond
 from tomotactile_ros.estimation.changing import Changing
 from tomotactile_ros.estimation.estimator import Estimator, State
 from tomotactile_ros.estimation.frames_in_rows import FrameSeen
@@ -36,7 +37,6 @@ from tomotactile_ros.estimation.tracks import Tracks
 from tomotactile_ros.frame import DEFAULT_DRIVE, Frame
 from tomotactile_ros.layouts.grid import Grid
 from tomotactile_ros.layouts.layout import Layout, check_layout, check_on_sheet
-from tomotactile_ros.layouts.region import enclosed
 from tomotactile_ros.learning.state import SensorState
 from tomotactile_ros.reconstruction.deadline import Within
 from tomotactile_ros.reconstruction.estimate import (
@@ -181,7 +181,7 @@ class Pipeline:
         self._model.local(np.flatnonzero(~self._excluded))
         even = self._model.sheet.transfer(self.grid.pixels, EVEN_DISC * settings.contact_radius)
         self._disc_change = even.point_self - self._model.transfer.point_self  # of D, ohm
-        self._estimator, self._state = None, State()
+        self._state = State()
         self._imaged_before: _Given | None = None  # last frame, where an image explained it
         self._doubts: Doubts | None = None
         self._looked_for_times = 0  # frames
@@ -196,27 +196,17 @@ class Pipeline:
         self._ended = 0.0  # s, when the last row of the last frame was read
         self._last_row: np.ndarray | None = None  # (E,) V, potentials in it, if rows have times
         self._tracks = Tracks(float(np.median(layout.pitches)))
-        if self.profile in ESTIMATED or left < FEWEST or layout.scan:
-            self._estimator = self._make_estimator()
-
-    def _make_estimator(self) -> Estimator:
-        settings = self.settings
-        return Estimator(
-            self.layout,
+        self.estimator = Estimator(
+            layout,
             noise=settings.noise,
             law=settings.law,
             radius=settings.contact_radius,
             model=settings.model,
             excluded=settings.excluded,
-            sensor=self.sensor,
+            sensor=sensor,
             across=ESTIMATED.get(self.profile, BOUNDED),
             unknown=settings.asked,
         )
-
-    def _estimates(self) -> Estimator:
-        if self._estimator is None:
-            self._estimator = self._make_estimator()
-        return self._estimator
 
     def with_settings(self, settings: Settings) -> Pipeline:
         """The same layout with other settings; keeps the tare and what else can be kept."""
@@ -253,7 +243,7 @@ class Pipeline:
     @property
     def made_otherwise(self) -> str:
         """A line where readings show that the sheet is cut or printed otherwise than drawn; else nothing."""
-        cut = None if self._estimator is None else self._estimator.as_cut
+        cut = self.estimator.as_cut
         if cut is None:
             return ""
         sizes = (1e3 * np.array(each.outline.size) for each in (cut, self.layout))
@@ -262,11 +252,6 @@ class Pipeline:
             f"the sheet seems to be {found} with electrodes of {1e3 * cut.radius:.2f} mm, not {drawn} with "
             f"{1e3 * self.layout.radius:.2f} mm: measure it, or learn the sensor"
         )
-
-    @property
-    def follows(self) -> bool:
-        """Whether rows can be followed at once; otherwise the first `rows` takes seconds."""
-        return self._rows is not None or self._estimator is not None
 
     @property
     def fits(self) -> bool:
@@ -287,10 +272,7 @@ class Pipeline:
     def use_sensor(self, sensor: SensorState | None) -> None:
         """Go on with what is known about the sensor by now."""
         self.sensor = sensor
-        if self._estimator is not None:
-            self._estimator.sensor = sensor
-        if self._rows is not None:
-            self._rows.estimator.sensor = sensor
+        self.estimator.sensor = sensor
         self._forget()
 
     def _forget(self) -> None:
@@ -661,7 +643,7 @@ class Pipeline:
     def _row_estimator(self) -> RowEstimator:
         rows = self._rows
         if rows is None:
-            rows = self._rows = RowEstimator(self._estimates(), doubt=self._doubt)
+            rows = self._rows = RowEstimator(self.estimator, doubt=self._doubt)
         return rows
 
     def _estimated(self, given: _Given) -> _Found:
@@ -819,7 +801,7 @@ class Pipeline:
         kept = rows if without is None else without_channels(rows, chosen, without)
         follow = partial(self._changing.estimate, kept, chosen, drive_voltage, began, row_period)
         read = rows, chosen, drive_voltage, self._state, row_period, follow
-        estimate = self._estimates().estimate(*read, first=given.before, without=without)
+        estimate = self.estimator.estimate(*read, first=given.before, without=without)
         if row_period > 0 and self._state.fit is not None:
             seen = FrameSeen.of(estimate, self._state)
             self._changing.saw(seen.at(began, row_period, len(chosen)))
@@ -870,10 +852,10 @@ class Pipeline:
 
     def _asks_for_more(self, contact: ContactEstimate) -> bool:
         """Whether one linear step does not tell a contact: how hard it is pressed, as it conducts nearly as a
-        bare one does, or where it is beyond the electrodes, as few of them see it."""
+        bare one does, or where it is, as it may be beyond the outermost electrodes."""
         unknown = self.settings.contact_law is not None and math.isinf(contact.force_std)
-        place = np.array([[contact.x, contact.y]])
-        return unknown or not enclosed(place, self.layout.positions, self.layout.radius)[0]
+        place, used = np.array([contact.x, contact.y]), np.flatnonzero(~self._excluded)
+        return unknown or bool(len(beyond(place, self.layout, used)))
 
     def _shown(self, given: _Given, read: tuple) -> Result | None:
         """What the linear image says of a frame `read` as `_read` does; None where one step is not
