@@ -229,6 +229,9 @@ class Estimator:
         self._recuts = _RECUTS
         self._cut: np.ndarray | None = None  # as readings have shown it
         self._searches: dict[tuple[int, ...], Search] = {}
+        self._expected: tuple[tuple, Prior] | None = (
+            None  # of the sensor, and what that was made of
+        )
         self._search(tuple(e for e in range(layout.electrodes) if e not in self.excluded))
 
     def offsets(self, used: tuple[int, ...]) -> np.ndarray | float:
@@ -506,6 +509,12 @@ class Estimator:
         return clipped(voltages, drive_voltage) & (below | (voltages > 0))
 
     def _prior(self, operator: SheetOperator, drive_voltage: float, noise: float) -> Prior:
+        given = operator, drive_voltage, noise, self.sensor
+        if self._expected is None or self._expected[0] != given:
+            self._expected = given, self._new_prior(operator, drive_voltage, noise)
+        return self._expected[1]
+
+    def _new_prior(self, operator: SheetOperator, drive_voltage: float, noise: float) -> Prior:
         held = set(SENSOR) - self.unknown
         own = 0.0 if "offsets" in held else self.channels.offset
         channels = replace(self.channels, offset=float(np.hypot(own, CUT_OFF * noise)))

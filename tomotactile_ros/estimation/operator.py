@@ -178,8 +178,9 @@ class SheetOperator:
         """Whether coefficients `found` (J,) are of a sheet that is cut or printed otherwise than tolerances let
         it, and not of one that this is right about to first order."""
         off = np.abs(found)[self.of_cut] / self.deviation[self.of_cut]
-        near = self._cut.near(AsCut(self.layout, found[self.of_cut]))
-        return bool(off.max() > _TOLERATED) and not near
+        if off.max() <= _TOLERATED:
+            return False
+        return not self._cut.near(AsCut(self.layout, found[self.of_cut]))
 
     def cut_as(self, cut: np.ndarray) -> SheetOperator:
         """The same for a sheet of the geometry `cut` (9,)."""
