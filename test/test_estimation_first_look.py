@@ -54,6 +54,13 @@ def test_points_are_where_small_contacts_are(name, count):
         assert nearest.max() < NEAR * pitch
 
 
+def test_of_a_conductor_on_an_electrode_no_points_are_picked_that_conduct_nothing():
+    """64 were, in a second: what a conductor lets flow, small contacts do not explain."""
+    x, y = LAYOUTS["8x8"]().positions[36]
+    places, strengths, _ = look("8x8", [(x, y, RADIUS, 1e11)])._points(RADIUS)
+    assert 0 < len(places) < 10 and strengths.max() > 0
+
+
 def test_slopes_of_shares_are_their_derivatives():
     operator = search("8x8").operator
     places, step = np.array([[0.013, 0.007], [-0.051, 0.09]]), 1e-6
