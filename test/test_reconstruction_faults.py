@@ -245,3 +245,23 @@ def test_an_electrode_under_a_conductor_is_not_left_out(profile):
         assert not result.reason and result.faults == {} and result.excluded == ()
         found = sorted((c.x, c.y) for c in result.contacts)
         assert np.allclose(found, sorted(tuple(each.center) for each in discs), atol=1e-3)
+
+
+def test_rows_follow_a_conductor_on_an_electrode():
+    """Its row, in which all is at the drive voltage, kept frames from being whole, and readings that are as high as
+    the drive were taken for the end of the converter's range."""
+    discs = [
+        Contact("disc", center=(x, 0.01429), radius=0.005, pressure=20000.0)
+        for x in (0.01429, -0.01771)
+    ]
+    scene = Scene("bare", DRIVE, discs, noise=Noise(1e-3), adc=Adc(12, DRIVE))
+    simulator, pipeline = Simulator(LAYOUT, scene), Pipeline(LAYOUT, Settings(contact_law=None))
+    state = pipeline.rows()
+    for number in range(3):
+        frame = simulator.measure(0.064 * number, number)
+        for i, (row, at) in enumerate(zip(frame.voltages, frame.grounded)):
+            time = frame.stamp + i * frame.row_period
+            result = pipeline.process_row(row, int(at), DRIVE, time, state)
+            assert number == 0 or (not result.reason and result.faults == {}), (number, at)
+    found = sorted((c.x, c.y) for c in result.contacts)
+    assert np.allclose(found, sorted(tuple(each.center) for each in discs), atol=2e-3)

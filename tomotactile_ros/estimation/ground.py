@@ -41,6 +41,7 @@ _NOISES = 3.0  # noises: what noise may hide
 # known to a twentieth.
 _LOWERED, _KNOWN_TO = 0.1, 0.05
 _NEAREST = 4  # electrodes that are beside the grounded one
+_UNDER_ONE = 2  # electrodes, grounded in turn, that one conductor may lie on
 _ROUNDS = 8  # of taking means off, where some readings are missing
 _PLAIN = 10.0  # times the noise: rows that differ by more are judged before anything is fitted
 _FEWEST = 12  # electrodes: of fewer, too many are near each other
@@ -148,14 +149,17 @@ def ground_is_doubtful(
 
 @dataclass
 class GroundWatch:
-    """The same of rows that come one by one: at once where all readings of a row are the same, after
-    as many rows as there are electrodes where those of each channel are, or those of each row.
+    """The same of rows that come one by one: where all readings of a few in turn are the same, after as many
+    rows as there are electrodes where those of each channel are, or those of each row.
 
     doubt : why nothing is to be told of these rows; empty where something is
-    alike : whether contacts are not, by `rows_are_alike`
+    unseen : rows in turn up to the last whose readings are all the same: a conductor on the electrode that is
+        grounded keeps the sheet at its voltage
+    alike : whether contacts are not to be told, by `rows_are_alike`
     """
 
     doubt: str = ""
+    unseen: int = 0
     alike: bool = False
     _rows: list[np.ndarray] = field(default_factory=list)
     _grounded: list[np.ndarray] = field(default_factory=list)
@@ -179,4 +183,5 @@ class GroundWatch:
             self.alike = rows_are_alike(rows, at, places, noise)
             self._rows, self._grounded = [], []
         unseen = no_ground_is_seen(row[None], drive_voltage, noise)
-        self.doubt = self._block or (NO_GROUND if unseen else "")
+        self.unseen = self.unseen + 1 if unseen else 0
+        self.doubt = self._block or (NO_GROUND if self.unseen > _UNDER_ONE else "")

@@ -104,7 +104,8 @@ class RangeEnd:
             self._rows = []
         out = row >= self.value
         ended = np.count_nonzero(out)
-        self.most = bool(ended and ended > _MOST_CLIPPED * np.count_nonzero(np.isfinite(row)))
+        most = ended > _MOST_CLIPPED * np.count_nonzero(np.isfinite(row))
+        self.most = bool(ended and most and self.value < _ENDS[1] * drive_voltage)
         if self.most:
             self._since = 0
         elif self._since is not None:

@@ -282,7 +282,8 @@ class RowEstimator:
         at = int(follower.operator.position[grounded])
         valid = (np.isfinite(voltages) & ~ended)[follower.operator.used]
         # where the wire of a channel that rows contradict leads is not known: its row tells nothing
-        if at >= 0 and valid.any() and not state.end.most and not state.rows.distrusted[at]:
+        tells = valid.any() and not (state.end.most or state.ground.unseen)
+        if at >= 0 and tells and not state.rows.distrusted[at]:
             readings = voltages[follower.operator.used] / drive_voltage
             touched = state.rows.touched
             self._follow(state, follower, readings, valid, at, time)
