@@ -3,16 +3,13 @@
 import os
 import signal
 import sys
-from dataclasses import fields, is_dataclass
 from importlib.machinery import PathFinder
 from pathlib import Path
 
-import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 
 ROOT = Path(__file__).resolve().parent.parent
-LAST = 8  # operators that are kept
 
 
 def prefer_installed_package() -> None:
@@ -61,38 +58,6 @@ def own_ros_domain():
         return
     with domain_id() as number:
         os.environ["ROS_DOMAIN_ID"] = str(number)
-        yield
-
-
-def content(thing):
-    """What makes two things the same: of a dataclass all that it is made of, of an array its bytes."""
-    if is_dataclass(thing):
-        return tuple(content(getattr(thing, each.name)) for each in fields(thing))
-    if isinstance(thing, tuple):
-        return tuple(map(content, thing))
-    return thing.tobytes() if isinstance(thing, np.ndarray) else repr(thing)
-
-
-@pytest.fixture(scope="session", autouse=True)
-def operators_are_made_once():
-    """Those of the last few sheets: each takes up to a second, and never changes."""
-    from tomotactile_ros.estimation import estimator
-    from tomotactile_ros.learning import file, live, recorded
-
-    make, made = estimator.SheetOperator, {}
-
-    def operator(layout, model="auto", used=None):
-        chosen = range(layout.electrodes) if used is None else used
-        key = content(layout), model, tuple(map(int, chosen))
-        found = made.pop(key, None) or make(layout, model, used)
-        made[key] = found
-        if len(made) > LAST:
-            del made[next(iter(made))]
-        return found
-
-    with pytest.MonkeyPatch.context() as patch:
-        for module in (estimator, file, live, recorded):
-            patch.setattr(module, "SheetOperator", operator)
         yield
 
 
