@@ -47,7 +47,7 @@ def arguments_of(device: str, folder, layout: str, scene: str) -> dict[str, str]
     if device == "serial":
         return {"device": device, "port": str(folder / "port")}
     recording = str(folder / "frames.npz")
-    words = ["--layout", layout, "--scene", scene, "--frames", "60", "--out", recording]
+    words = ["--layout", layout, "--scene", scene, "--frames", "20", "--out", recording]
     subprocess.run([program("tomotactile"), "simulate", *words], check=True, timeout=LIMIT)
     return {"device": device, "recording": recording}
 
@@ -94,6 +94,7 @@ def check_topics(probe: Probe, prefix: str = "", frame_id: str = "tactile_link")
     assert (image.encoding, view.encoding) == ("32FC1", "rgb8")
     assert frame.electrodes == 64 and len(frame.voltages) == 64 * 64
     probe.until(lambda: len(heard["voltage_frame"]) > 8, "more frames")
+    probe.listen_no_more()
     check_rate(heard["voltage_frame"])
 
 
@@ -236,6 +237,7 @@ def check_stamps(probe, part: float, prefix: str = "") -> None:
         return False
 
     probe.until(all_there, "an image of a frame, and contacts of its time")
+    probe.listen_no_more()
 
 
 def check_tare(probe: Probe, prefix: str = "") -> None:

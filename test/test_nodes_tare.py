@@ -1,7 +1,5 @@
 """The tare: kept over a crash, undone, refused while frames are stale, told of in diagnostics."""
 
-import itertools
-
 import numpy as np
 import pytest
 
@@ -49,8 +47,10 @@ def files(tmp_path) -> list:
     return list((tmp_path / "ros").glob("tomotactile_ros/*.tare.npz"))
 
 
-def test_a_tare_survives_a_crash_and_can_be_undone(probe, start, light, tmp_path):
-    start("driver", {"scene": light, "rate": 30})
+def test_a_tare_survives_a_crash_can_be_undone_and_is_not_of_stale_frames(
+    probe, start, light, tmp_path
+):
+    driver = start("driver", {"scene": light, "rate": 30})
     first = start("reconstruction")
     pressed(probe, True)
     tare_is(probe, "none")
@@ -70,6 +70,13 @@ def test_a_tare_survives_a_crash_and_can_be_undone(probe, start, light, tmp_path
 
     assert probe.call(Trigger, "/reconstruction/tare").success
     assert len(files(tmp_path)) == 1
+    driver.kill()
+
+    def refused():
+        answer = probe.call(Trigger, "/reconstruction/tare")
+        return not answer.success and "s old: " in answer.message
+
+    probe.until(refused, "refusal")
     ends_cleanly(second)
     assert files(tmp_path) == []  # a clean end is no crash
 
@@ -96,18 +103,3 @@ def test_a_file_that_is_no_tare_is_never_replaced_nor_removed(probe, start, tmp_
     tare_is(probe, "frames at")
     assert probe.call(Trigger, "/reconstruction/untare").success
     assert recording.read_bytes() == before
-
-
-def test_a_tare_of_stale_frames_is_refused(probe, start, scene):
-    driver = start("driver", {"scene": scene})
-    start("reconstruction")
-    probe.wait_for(ContactArray, "/contacts")
-    driver.kill()
-    asked = itertools.count()
-
-    def refused():
-        next(asked)
-        answer = probe.call(Trigger, "/reconstruction/tare")
-        return not answer.success and "s old: " in answer.message
-
-    probe.until(refused, "refusal")
