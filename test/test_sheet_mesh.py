@@ -94,7 +94,8 @@ def test_no_triangle_lies_across_a_slit(from_rim):
         middles = mesh.points[mesh.triangles[:, [first, second]]].mean(axis=1)
         assert not (inside.contains(middles) & (inside.rim_distance(middles) > 1e-6)).any()
     torn, whole = (
-        -bordered_inverse(FemSheet(each).electrode_electrode, np.arange(64)) for each in (torn, whole)
+        -bordered_inverse(FemSheet(each).electrode_electrode, np.arange(64))
+        for each in (torn, whole)
     )
     across = 36, 44  # electrodes on either side of the middle of the slit
     assert 0 < torn[across] < 0.1 * whole[across]
