@@ -22,6 +22,14 @@ from tomotactile_ros.simulation import Simulator
 GROUNDED = np.arange(16)
 
 
+@pytest.fixture(scope="module", autouse=True)
+def ends_of_tears_are_found_to_3_mm():
+    """Instead of 0.3 mm, which takes twice the time."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("tomotactile_ros.learning.tears._NEAR", 3e-3)
+        yield
+
+
 def live(**more):
     return LiveLearner(layout(), noise=NOISE, **more)
 
