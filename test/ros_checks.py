@@ -5,11 +5,10 @@ Used by the plain tests (processes of their own) and by the tests of the launch 
 
 from __future__ import annotations
 
-import subprocess
 from dataclasses import replace
 
 import numpy as np
-from ros_support import LIMIT, Probe, Process, program
+from ros_support import Probe, Process, program
 
 PRESSED = (0.05, 0.04)  # m: where the scene of these tests has its only contact
 SCENE = """
@@ -44,11 +43,21 @@ def write_curved_layout(folder) -> str:
 
 def arguments_of(device: str, folder, layout: str, scene: str) -> dict[str, str]:
     """What lets a driver have its frames from an emulator or from a recording of the scene."""
+    from tomotactile_ros.frames_file import save_frames
+    from tomotactile_ros.layouts.layout import load_layout
+    from tomotactile_ros.scenes.scene import load_scene
+    from tomotactile_ros.simulation import Simulator
+
     if device == "serial":
         return {"device": device, "port": str(folder / "port")}
-    recording = str(folder / "frames.npz")
-    words = ["--layout", layout, "--scene", scene, "--frames", "60", "--out", recording]
-    subprocess.run([program("tomotactile"), "simulate", *words], check=True, timeout=LIMIT)
+    recording, sensor = (
+        str(folder / "frames.npz"),
+        Simulator(load_layout(layout), load_scene(scene)),
+    )
+    stamps = np.arange(20) * len(sensor.grounded) * sensor.row_period
+    frames = np.array([sensor.frame(stamp, number) for number, stamp in enumerate(stamps)])
+    known = sensor.layout, sensor.scene, frames, sensor.grounded, stamps, sensor.row_period
+    save_frames(recording, *known)
     return {"device": device, "recording": recording}
 
 
@@ -94,6 +103,7 @@ def check_topics(probe: Probe, prefix: str = "", frame_id: str = "tactile_link")
     assert (image.encoding, view.encoding) == ("32FC1", "rgb8")
     assert frame.electrodes == 64 and len(frame.voltages) == 64 * 64
     probe.until(lambda: len(heard["voltage_frame"]) > 8, "more frames")
+    probe.listen_no_more()
     check_rate(heard["voltage_frame"])
 
 
@@ -236,6 +246,7 @@ def check_stamps(probe, part: float, prefix: str = "") -> None:
         return False
 
     probe.until(all_there, "an image of a frame, and contacts of its time")
+    probe.listen_no_more()
 
 
 def check_tare(probe: Probe, prefix: str = "") -> None:

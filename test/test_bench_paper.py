@@ -166,7 +166,7 @@ def test_the_page_has_each_number_beside_that_of_the_article(run, nodes, images,
         tmp_path / "spreads.png", [("equal", simulation.spreads(run.steps[0].layout, 4))], ""
     )
     pictures.save_steps(tmp_path / "steps.png", [run])
-    pictures.save_images(tmp_path / "images.png", rows)
+    pictures.save_images(tmp_path / "images.png", rows[:1])
     pictures.save_maps(tmp_path / "maps.png", [("equal", run.steps[0])], "")
     assert all(path.stat().st_size > 5000 for path in tmp_path.iterdir())
 

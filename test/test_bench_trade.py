@@ -480,8 +480,9 @@ def test_a_whole_run_of_the_command(tmp_path, monkeypatch, capsys):
     for name in ("pyeit", "pyeit.eit.jac", "skfem"):
         monkeypatch.setitem(sys.modules, name, None)
     monkeypatch.setenv("COLUMNS", "1000")
-    for module in (peers, growth):
-        monkeypatch.setattr(module, "_SECONDS", 0.0)
+    turns = {"least": 2, "seconds": 0.0, "turn": 0.0}
+    in_turn = timing.in_turn
+    monkeypatch.setattr(timing, "in_turn", lambda calls, **how: in_turn(calls, **{**how, **turns}))
     monkeypatch.setattr(peers, "_SENSORS", 1)
     monkeypatch.setattr(run, "SENSOR", ("crowd",))
     nothing = Trial("nothing", cases.find_layout("equal-4x4"), untouched(16)[None], [[]])

@@ -157,12 +157,11 @@ def fine(size, half=0.1, radius=0.0025):
     "drawn, true, within",
     [
         (fine(0.2), fine(0.204), 0.3e-3),
-        (fine(0.2), fine(0.22), 0.3e-3),
         (fine(0.2, 0.09), fine(0.195, 0.09), 0.3e-3),
         (fine(0.2), fine(0.2, radius=0.0035), 1e-3),
         (square(0.2), square(0.204), 1.5e-3),
     ],
-    ids=["4 mm more", "20 mm more", "5 mm less", "electrodes too large", "4 x 4, 4 mm more"],
+    ids=["4 mm more", "5 mm less", "electrodes too large", "4 x 4, 4 mm more"],
 )
 def test_a_contact_on_a_sheet_that_was_cut_or_printed_otherwise(drawn, true, within):
     places, pipeline = ((0.037, 0.052), (-0.071, 0.018)), Pipeline(drawn, Settings("accurate"))
@@ -180,6 +179,7 @@ def test_a_sheet_is_solved_as_its_first_touch_finds_it_cut():
     (frame,) = pressed(true, [at])
     pipeline = Pipeline(drawn, Settings("accurate"))
     (found,) = pipeline.process(frame, drawn.grounded, DRIVE).contacts
+    assert np.hypot(found.x - at[0], found.y - at[1]) < 0.3e-3
     used = tuple(range(64))
     cut = pipeline.estimator.operator_of(used).cut
     assert cut.outline.size == pytest.approx((0.22, 0.22), abs=0.5e-3)
@@ -205,7 +205,7 @@ def test_a_contact_on_a_torn_sheet():
 
 def test_learning_finds_the_outline_and_makes_places_no_worse(tmp_path):
     drawn, true, random = square(0.2), square(0.204), np.random.default_rng(11)
-    frames = pressed(true, random.uniform(-0.085, 0.085, (20, 2)))
+    frames = pressed(true, random.uniform(-0.085, 0.085, (14, 2)))
     learned = tt.learn(drawn, frames, drawn.grounded, DRIVE, noise=NOISE)
     out, spread = (
         each[learned.operator.of_rim][:4] for each in (learned.state.mean, learned.state.deviation)
@@ -217,7 +217,7 @@ def test_learning_finds_the_outline_and_makes_places_no_worse(tmp_path):
     np.testing.assert_allclose(again.mean, learned.state.mean, atol=1e-5)
     np.testing.assert_allclose(again.deviation, learned.state.deviation, rtol=1e-3)
     np.testing.assert_allclose(again.expected, learned.state.expected, rtol=1e-5)
-    places, off = random.uniform(-0.08, 0.08, (12, 2)), []
+    places, off = random.uniform(-0.08, 0.08, (8, 2)), []
     pipelines = [Pipeline(drawn, Settings("accurate"), sensor=each) for each in (again, None)]
     for at, frame in zip(places, pressed(true, places), strict=True):
         for pipeline in pipelines:

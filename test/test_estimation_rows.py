@@ -126,7 +126,7 @@ def at_rest():
     return frames_of([RESTING], 1)[0], Pipeline(LAYOUT, Settings("accurate", contact_radius=0.008))
 
 
-@settings(max_examples=12, deadline=None, derandomize=True)
+@settings(max_examples=6, deadline=None, derandomize=True)
 @given(order=st.lists(st.integers(0, 15), min_size=8, max_size=40))
 def test_rows_may_be_missing_repeated_and_in_any_order(at_rest, order):
     """As a frame of so many rows, and one after the other."""
@@ -385,8 +385,8 @@ def test_every_row_of_a_file_has_a_result_with_the_keys_of_the_contract(tmp_path
         assert abs(contact["force"] - force) < max(0.2 * force, 3 * contact["force_std"])
 
 
-@pytest.mark.parametrize("row", [1, 3])
-def test_a_frame_that_ends_just_after_a_touch_has_begun_changes_nothing(estimator, row):
+def test_a_frame_that_ends_just_after_a_touch_has_begun_changes_nothing(estimator):
+    row = 1  # of the touch, the last one of the frame
     tap = Contact("disc", **NEW, start=(48 - row - 0.5) * ROW_PERIOD, end=0.09)
     followed = followed_late(estimator, [RESTING, tap], 6, 6)
     begun = 16 + 6  # the first frame is told after so many rows
@@ -431,7 +431,7 @@ def on_8x8():
     return pipeline, [(row, i % 64, i * ROW_PERIOD) for i, row in enumerate(rows)]
 
 
-@pytest.mark.parametrize("ahead", [0.25, 0.45, 0.6, 0.9])
+@pytest.mark.parametrize("ahead", [0.25, 0.9])
 def test_stamps_that_jump_move_no_contact(on_8x8, ahead):
     """A contact that nobody saw for so long may be anywhere; it was valid, up to 69 mm off."""
     pipeline, rows = on_8x8
@@ -489,7 +489,7 @@ def test_a_hand_at_rest_stays_where_rows_are_left_out():
     simulator = Simulator(layout, scene, row_period=1e-3)
     pipeline = Pipeline(layout, Settings("accurate", contact_law=scene.contact_law))
     state, there = pipeline.rows(), set()
-    for number in range(10):
+    for number in range(5):
         frame = simulator.measure(0.064 * number, number)
         for i, (row, ground) in enumerate(zip(frame.voltages, frame.grounded)):
             if number and 20 <= i < 44:

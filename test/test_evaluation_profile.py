@@ -49,7 +49,7 @@ def test_the_error_of_places_is_not_that_of_the_lattice():
 
 
 def test_regions_outside_the_outline_are_left_out(ell):
-    found = evaluate_profile(ell, "fast", resolution=12)
+    found = evaluate_profile(ell, "fast", resolution=8)
     regions = found.by_region()
     places = {(region["row"], region["col"]) for region in regions}
     assert len(regions) == 8 and (2, 2) not in places

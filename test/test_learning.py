@@ -302,7 +302,7 @@ def test_resistances_are_not_negative_and_as_far_off_as_is_said(ohms):
     channels = Channels(ground_resistance=Uniform(ohms, ohms, 3))
     ideal = replace(simulator().scene, defects=Defects(channels=channels))
     sensor = Simulator(layout(), ideal, row_period=0.0)
-    read = np.array([sensor.frame(t, i) for i, t in enumerate(np.arange(0.25, 8.0, 0.5))])
+    read = np.array([sensor.frame(t, i) for i, t in enumerate(np.arange(0.25, 4.0, 0.5))])
     state = learn(layout(), read, np.arange(16), DRIVE, noise=NOISE).state
     said, below = findings.resistance(state), state.mean.copy()
     below[state.slice("resistance")] -= (
@@ -395,15 +395,18 @@ def test_dead_channels_are_named_and_left_as_expected():
 
 
 def test_wires_swapped_before_the_first_touch_are_said_and_not_learned():
-    """All touches of the recording show it; the same ones without the swap name nothing."""
+    """All touches of the recording show it; the same ones without the swap name nothing. They are soft:
+    what leaves less over is searched in less time."""
     assert learned().exchanged is None
     whole = simulator()
-    scene = replace(whole.scene, defects=replace(whole.scene.defects, swapped=((5, 6),)))
+    soft = [replace(each, pressure=0.03 * each.pressure) for each in whole.scene.contacts]
+    swapped = replace(whole.scene.defects, swapped=((5, 6),))
+    scene = replace(whole.scene, contacts=soft, defects=swapped)
     sensor = Simulator(layout(), scene, row_period=0.0)
-    read = np.array([sensor.frame(t, i) for i, t in enumerate(np.arange(0.25, 3.0, 0.5))])
+    read = np.array([sensor.frame(t, i) for i, t in enumerate(np.arange(0.25, 2.0, 0.5))])
     found = learn(layout(), read, np.arange(16), DRIVE, noise=NOISE)
     assert found.exchanged.pair == (5, 6) and found.exchanged.sure > 10
-    assert (found.state.touches, found.unexplained) == (0, 3)
+    assert (found.state.touches, found.unexplained) == (0, 2)
     for part in ("sheet", "resistance"):
         assert found.state.known(part).max() < 1e-9
     assert "electrodes 5 and 6 are swapped" in "\n".join(findings.lines(found))
@@ -515,27 +518,15 @@ def test_bad_sensor_files_are_refused_in_one_line(tmp_path, change, complaint):
 def test_learn_then_reconstruct(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     layout().save("layout.yaml")
-    stamps = np.arange(len(frames())) * 0.5
-    save_frames("frames.npz", layout(), simulator().scene, frames(), np.arange(16), stamps + 0.25)
-    assert (
-        main(
-            [
-                "learn",
-                "frames.npz",
-                "--layout",
-                "layout.yaml",
-                "--out",
-                "sensor.yaml",
-                "--touches",
-                "3",
-            ]
-        )
-        == 0
-    )
+    read = frames()[:4]
+    stamps = np.arange(len(read)) * 0.5 + 0.25
+    save_frames("frames.npz", layout(), simulator().scene, read, np.arange(16), stamps)
+    more = ["--layout", "layout.yaml", "--touches", "2"]
+    assert main(["learn", "frames.npz", *more, "--out", "sensor.yaml"]) == 0
     out = capsys.readouterr().out
     assert "gains:" in out and "not determined:" in out
     assert (tmp_path / "sensor.png").read_bytes().startswith(b"\x89PNG")
-    more = ["--layout", "layout.yaml", "--sensor", "sensor.yaml", "--touches", "3"]
+    more += ["--sensor", "sensor.yaml"]
     assert main(["learn", "frames.npz", *more, "--out", "more.yaml"]) == 0
     arguments = ["--layout", "layout.yaml", "--profile", "balanced", "--out", "result.npz"]
     assert main(["reconstruct", "frames.npz", *arguments, "--sensor", "sensor.yaml"]) == 0

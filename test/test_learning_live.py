@@ -22,6 +22,14 @@ from tomotactile_ros.simulation import Simulator
 GROUNDED = np.arange(16)
 
 
+@pytest.fixture(scope="module", autouse=True)
+def ends_of_tears_are_found_to_3_mm():
+    """Instead of 0.3 mm, which takes twice the time."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("tomotactile_ros.learning.tears._NEAR", 3e-3)
+        yield
+
+
 def live(**more):
     return LiveLearner(layout(), noise=NOISE, **more)
 
@@ -37,7 +45,7 @@ def feed(learner, times, touches=16):
 
 
 def test_a_process_beside_learns_the_same_and_another_goes_on_where_it_ended():
-    times = np.arange(0.1, 5.0, 0.2)
+    times = np.arange(0.1, 4.0, 0.2)
     here, beside = live(), LearnerBeside(layout(), noise=NOISE)
     try:
         expected, found = feed(here, times), feed(beside, times)
@@ -46,7 +54,7 @@ def test_a_process_beside_learns_the_same_and_another_goes_on_where_it_ended():
         assert beside.unexplained == here.unexplained and beside.findings == here.findings
         beside._process._process.kill()
         beside._process._process.wait()
-        later = feed(beside, np.arange(5.1, 9.0, 0.2))
+        later = feed(beside, np.arange(4.1, 6.0, 0.2))
         assert later and later[-1].touches > found[-1].touches
     finally:
         beside.stop()
@@ -173,26 +181,22 @@ def judged(sensor, touches=16):
     return learner
 
 
-def test_a_wire_that_breaks_is_named_within_four_touches():
+def test_a_wire_that_breaks_and_a_gain_that_changes_are_named_within_four_touches():
     resistance = np.array(truth().ground_resistance, float)
     resistance[5] += 500
-    (found,) = judged(damaged(ground_resistance=tuple(resistance)), 4).health.findings
-    assert found.name == "wire 5" and found.sure > 10 and found.since < 1
-    assert float(found.text.split()[2]) == pytest.approx(resistance[5] - 150, abs=100)
-
-
-def test_a_gain_that_changes_is_named():
     gain = np.array(truth().gain, float)
     gain[9] *= 1.01
-    learner = judged(damaged(gain=tuple(gain)), 3)
-    (found,) = learner.health.findings
-    assert found.name == "gain 9" and "+1.0 %" in found.text and found.sure > 10
+    learner = judged(damaged(ground_resistance=tuple(resistance), gain=tuple(gain)), 4)
+    changed, wire = sorted(learner.health.findings, key=lambda each: each.name)
+    assert wire.name == "wire 5" and wire.sure > 10 and wire.since < 1
+    assert float(wire.text.split()[2]) == pytest.approx(resistance[5] - 150, abs=100)
+    assert changed.name == "gain 9" and "+1.0 %" in changed.text and changed.sure > 10
     assert learner.state["gain"][9] == pytest.approx(gain[9], rel=1e-3)
 
 
 def test_a_tear_is_named_at_its_place():
     tear = Tear(((-0.015, -0.01), (-0.015, 0.01)), 0.001)
-    (found,) = judged(damaged(0.3, sheet=SheetField(tears=(tear,))), 5).health.findings
+    (found,) = judged(damaged(0.3, sheet=SheetField(tears=(tear,))), 4).health.findings
     assert found.name == "tear" and found.sure > 5
     places = re.findall(r"\((.*?), (.*?)\)", found.text)
     for x, y in (map(float, each) for each in places):
@@ -287,10 +291,9 @@ def settled_frames():
     return np.array([simulator(16).frame(t, i) for i, t in enumerate(np.arange(0.25, 4.0, 0.5))])
 
 
-@pytest.mark.parametrize("seed, excluded", [(None, ()), (4, (5, 10))])
-def test_it_is_learned_while_it_is_used(seed, excluded):
+def test_it_is_learned_while_it_is_used():
     """In any order of the scan, and with rows of electrodes that are not used."""
-    order = GROUNDED if seed is None else np.random.default_rng(seed).permutation(16)
+    excluded, order = (5, 10), np.random.default_rng(4).permutation(16)
     learner, found = live(excluded=excluded), []
     sensor = Simulator(layout(), slow().scene, row_period=0.0, order=order.tolist())
     for number, time in enumerate(np.arange(0.02, 16, 0.1)):

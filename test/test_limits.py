@@ -133,8 +133,8 @@ def test_more_frames_than_memory_holds_are_refused_before_the_first(tmp_path, ca
 def test_a_scene_of_thousands_of_contacts_is_refused_unread(tmp_path):
     contact = "- {shape: nothing}\n"
     head = "format: tomotactile-scene/1\ndrive_voltage: 3.3\ncontacts:\n"
-    (tmp_path / "many.yaml").write_text(head + 20_000 * contact)
-    with pytest.raises(InputError, match="contacts: 20000 are named, at most 1000 work"):
+    (tmp_path / "many.yaml").write_text(head + 2_000 * contact)
+    with pytest.raises(InputError, match="contacts: 2000 are named, at most 1000 work"):
         load_scene(tmp_path / "many.yaml")
 
 

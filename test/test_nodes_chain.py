@@ -196,8 +196,7 @@ def test_a_managed_node_says_why_a_transition_cannot_be(probe, start):
 
 
 def test_a_managed_node_can_start_by_itself(probe, start, scene):
-    start("driver_lifecycle", {"scene": scene, "autostart": "true"})
-    start("reconstruction_lifecycle", {"autostart": "true"})
+    start("tactile_lifecycle", {"scene": scene, "autostart": "true"})
     ros_checks.check_contact(probe)
     refused = start("driver_lifecycle", {"scene": "no-such-scene", "autostart": "true"})
     assert refused.wait() == 2

@@ -18,10 +18,15 @@ from tomotactile_ros.support.processes import Child, stop_all
 
 
 def start_live(domain, folder, *words):
-    return Process(
-        [program("live"), "--scene", write_scene(folder), "--out", str(folder / "p.png"), *words],
-        domain,
-    )
+    given = [
+        "--layout",
+        "equal-4x4",
+        "--scene",
+        write_scene(folder),
+        "--out",
+        str(folder / "p.png"),
+    ]
+    return Process([program("live"), *given, *words], domain)
 
 
 def children_of(domain):

@@ -15,11 +15,9 @@ from ros_support import ends_cleanly
 
 @pytest.mark.skipif(browser() is None, reason="no Chromium is installed")
 def test_two_sensors_are_seen_by_their_topics(probe, start, scene):
-    for side in ("left", "right"):
-        start(
-            "tactile", {"scene": scene, "layout": "equal-4x4", "rate": 10.0}, namespace=f"/{side}"
-        )
-    viewer = start("viewer", {"sensors": "[left, right]", "port": 0})
+    both = {"sensors": "[left, right]"}
+    start("sensors", {**both, "scene": scene, "layout": "equal-4x4", "rate": 10.0})
+    viewer = start("viewer", {**both, "port": 0})
     address = re.compile(r"the page is (http://127\.0\.0\.1:\d+)")
     probe.until(lambda: address.search(viewer.output), "address of the page")
     tab = Tab(address.search(viewer.output)[1])

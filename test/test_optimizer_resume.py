@@ -51,7 +51,8 @@ def leave_after_one(request, path):
 @pytest.mark.parametrize("name", SEARCHES)
 def test_it_ends_where_it_would_have_ended(tmp_path, monkeypatch, name):
     """Wherever it was stopped, after its last step, too."""
-    monkeypatch.setattr("tomotactile_ros.optimizer.touch._EVALUATIONS", 0)  # as few as can be
+    for few, number in (("_EVALUATIONS", 0), ("_FIRST_MOVES", 1)):  # as few as can be
+        monkeypatch.setattr(f"tomotactile_ros.optimizer.touch.{few}", number)
     path, states = tmp_path / "x.search.json", {}
 
     def watch(step):
@@ -89,7 +90,7 @@ def test_what_is_hardly_better_does_not_take_the_place_of_what_was_handed_over(t
 WORDS = ["optimize", "--rows", "3", "--cols", "3", "--size", "0.2", "0.2", "--resolution", "8"]
 METHODS = {
     "free": ["--method", "free", "--starts", "2", "--workers", "1"],
-    "equalize": ["--method", "equalize", "--steps", "2"],
+    "equalize": ["--method", "equalize"],
 }
 
 
@@ -109,8 +110,9 @@ def stop_after(monkeypatch, iteration):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_the_command_goes_on(tmp_path, monkeypatch, capsys, method):
+    monkeypatch.setattr("tomotactile_ros.optimizer.report.save_figure", lambda *_: None)
     whole, parts = tmp_path / "whole.yaml", tmp_path / "parts.yaml"
-    words = [*WORDS, "--rows", "2", "--cols", "2", *METHODS[method]]
+    words = [*WORDS, "--rows", "2", "--cols", "2", *METHODS[method], "--steps", "2"]
     assert main([*words, "--out", str(whole)]) == 0
     stop_after(monkeypatch, 1)
     capsys.readouterr()

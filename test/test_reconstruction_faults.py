@@ -67,8 +67,7 @@ def test_more_noise_than_was_said_is_no_reason_for_more_that_is_left_over():
         assert right(each, places)
 
 
-@pytest.mark.parametrize("profile", ["fast", "accurate"])
-@pytest.mark.parametrize("law", [None, ContactLaw(0.1, 1.0)], ids=["bare", "nearly bare"])
+@pytest.mark.parametrize("profile, law", [("fast", None), ("accurate", ContactLaw(0.1, 1.0))])
 def test_an_electrode_under_a_conductor_is_not_named(profile, law):
     """It reads the drive voltage in all rows, as the experiment of the paper has it."""
     eight = load_layout("equal-8x8")
@@ -86,16 +85,14 @@ def test_an_electrode_under_a_conductor_is_not_named(profile, law):
         assert "at least" in repr(found) and "at least" in contact_lines([found])[0]
 
 
-@pytest.mark.parametrize("profile", ["balanced", "accurate"])
 @pytest.mark.parametrize(
-    "discs",
+    "profile, discs",
     [
-        [
-            (85.7, -28.6, 6.8),
-            (14.7, -14.4, 9.5),
-        ],  # the first was not reported: how well it conducts
-        [(27.5, 14.8, 5.0), (-85.7, 0.0, 7.3)],  # no reading told
-        [(98.6, -98.7, 10.5), (-42.1, 31.4, 10.3), (19.8, 76.0, 4.4)],  # 7 and 42 were named
+        # the first was not reported: how well it conducts no reading told
+        ("accurate", [(85.7, -28.6, 6.8), (14.7, -14.4, 9.5)]),
+        ("balanced", [(27.5, 14.8, 5.0), (-85.7, 0.0, 7.3)]),
+        # 7 and 42 were named
+        ("balanced", [(98.6, -98.7, 10.5), (-42.1, 31.4, 10.3), (19.8, 76.0, 4.4)]),
     ],
 )
 def test_bare_conductors_on_electrodes_are_found_and_no_electrode_is_named(profile, discs):
@@ -130,8 +127,7 @@ def test_one_reading_at_the_end_of_the_converter_is_left_out(bits):
     assert not clipped(read, 5.0).any()
 
 
-@pytest.mark.parametrize("profile", ["fast", "accurate"])
-@pytest.mark.parametrize("stuck", [36, 12])
+@pytest.mark.parametrize("profile, stuck", [("fast", 36), ("accurate", 12)])
 def test_a_channel_that_stands_still_is_named(profile, stuck):
     """Under a contact it does if it is not at the drive voltage; beside one also there."""
     eight = load_layout("equal-8x8")

@@ -35,17 +35,28 @@ def layout():
     return load_layout("equal-8x8")
 
 
-@pytest.fixture(scope="module")
-def frame(layout):
+def two_on(layout):
+    """A frame of the two contacts of TRUE, V."""
     contacts = [Contact("disc", center=(x, y), radius=0.005, pressure=p) for x, y, p in TRUE]
     scene = Scene("two", DRIVE, contacts, LAW, Noise(1e-3), Adc(12, DRIVE))
     return Simulator(layout, scene, h=0.0035).frame(0.0)
 
 
 @pytest.fixture(scope="module")
+def frame(layout):
+    return two_on(layout)
+
+
+@pytest.fixture(scope="module")
 def pipelines(layout):
     first = Pipeline(layout, Settings("fast"))
     return {p: first.with_settings(Settings(p)) for p in PROFILES}
+
+
+@pytest.fixture(scope="module")
+def small():
+    """`fast` on a 4 x 4 layout; tests start one of their own from it."""
+    return Pipeline(load_layout("equal-4x4"), Settings("fast"))
 
 
 def found(result):
@@ -113,18 +124,24 @@ def test_dead_stuck_and_wrong_channels_are_left_out_and_reported(pipelines, fram
     assert found(result)[:, 0].max() < 0.001
 
 
+@pytest.fixture(scope="module")
+def small_frame(small):
+    return two_on(small.layout)
+
+
 @pytest.mark.parametrize(
     "profile, pair",
     [
-        *[("fast", pair) for pair in [(20, 43), (27, 28), (7, 56), (3, 4)]],
-        ("balanced", (20, 43)),  # far apart
-        ("balanced", (3, 4)),  # side by side at the rim
+        *[("fast", pair) for pair in [(0, 15), (5, 6), (1, 11), (1, 2)]],
+        ("balanced", (0, 15)),  # far apart
+        ("balanced", (1, 2)),  # side by side at the rim
     ],
 )
-def test_swapped_wires_are_left_out_and_reported(pipelines, frame, profile, pair):
-    order = np.arange(64)
+def test_swapped_wires_are_left_out_and_reported(small, small_frame, profile, pair):
+    order = np.arange(16)
     order[list(pair)] = pair[::-1]
-    result = pipelines[profile].process(frame[np.ix_(order, order)], GROUNDED, DRIVE)
+    swapped = small_frame[np.ix_(order, order)]
+    result = small.with_settings(Settings(profile)).process(swapped, GROUNDED[:16], DRIVE)
     assert result.excluded == pair
     assert found(result)[:, 0].max() < 0.0055
 
@@ -140,7 +157,7 @@ def test_swapped_wires_are_known_from_one_touch_to_the_next(layout, frame):
             assert result.faults == {18: CONTRADICTS, 19: CONTRADICTS} and result.misfit < 2
 
 
-def test_no_contact_is_taken_for_swapped_wires(layout, pipelines):
+def test_no_contact_is_taken_for_swapped_wires(small):
     """One after the other, a second each."""
     sizes = [(0.001, 1e7), (0.005, 1e6), (0.03, 1e5), (0.08, 1e4)]
     discs = [
@@ -153,10 +170,10 @@ def test_no_contact_is_taken_for_swapped_wires(layout, pipelines):
     ]  # fmt: skip
     uneven = Defects(sheet_variation=SheetVariation(0.2, 0.05, 1))
     scene = Scene("one by one", DRIVE, discs, LAW, Noise(1e-3), None, uneven)
-    simulator = Simulator(layout, scene, h=0.005, row_period=0.0)
+    simulator = Simulator(small.layout, scene, h=0.005, row_period=0.0)
     for number in range(len(discs)):
-        pipeline = pipelines["fast"].with_settings(Settings("fast"))
-        result = pipeline.process(simulator.frame(number + 0.5, number), GROUNDED, DRIVE)
+        pipeline = small.with_settings(small.settings)
+        result = pipeline.process(simulator.frame(number + 0.5, number), GROUNDED[:16], DRIVE)
         assert result.contacts and result.excluded == ()
 
 
@@ -206,7 +223,7 @@ def test_tare_takes_an_offset_off(pipelines, frame):
 def test_idle_frames_give_a_zero_image_and_no_contact(pipelines):
     random = np.random.default_rng(0)
     step = DRIVE / 4096
-    for _ in range(200):
+    for _ in range(100):
         noise = np.clip(np.round(1e-3 * random.standard_normal((64, 64)) / step), 0, None) * step
         result = pipelines["accurate"].process(noise, GROUNDED, DRIVE)
         assert result.idle
@@ -287,19 +304,21 @@ def without(layout, *known):
 
 
 @pytest.mark.parametrize(
-    "known, channels",
+    "name, known, channels",
     [
-        ("gains", Channels(gain=Rms(0.04, 3))),
-        ("offsets", Channels(offset=Rms(0.01, 3))),
-        ("resistances", Channels(ground_resistance=Uniform(300.0, 150.0, 3))),
+        ("equal-4x4", "gains", Channels(gain=Rms(0.04, 3))),
+        ("equal-4x4", "offsets", Channels(offset=Rms(0.01, 3))),
+        ("equal-8x8", "resistances", Channels(ground_resistance=Uniform(300.0, 150.0, 3))),
     ],
 )
-def test_what_is_said_to_be_known_is_believed(layout, known, channels):
+def test_what_is_said_to_be_known_is_believed(name, known, channels):
+    layout = load_layout(name)
+    grounded = GROUNDED[: layout.electrodes]
     contact = Contact("disc", center=TRUE[0][:2], radius=0.005, pressure=20e3)
     worn = Scene("worn", DRIVE, [contact], LAW, Noise(1e-3), defects=Defects(channels=channels))
     voltages = Simulator(layout, worn).frame(0.0)
     found, believed = (
-        pipeline.process(voltages, GROUNDED, DRIVE)
+        pipeline.process(voltages, grounded, DRIVE)
         for pipeline in (without(layout), without(layout, known))
     )
     assert found.misfit < 1.2 and len(found.contacts) == 1
@@ -378,18 +397,18 @@ def unseen_ground():
 
 
 @pytest.mark.parametrize("profile", PROFILES)
-def test_readings_that_show_no_grounded_electrode_are_withheld(profile):
+def test_readings_that_show_no_grounded_electrode_are_withheld(small, profile):
     """A converter at its limit was a contact of 62 N, one that stood still one of up to 250 N."""
-    pipeline = Pipeline(load_layout("equal-4x4"), Settings(profile))
+    pipeline = small.with_settings(Settings(profile))
     for name, voltages in unseen_ground():
         result = pipeline.process(voltages, GROUNDED[:16], DRIVE)
         assert result.state == "withheld" and not result.contacts, name
         assert "do not depend on which electrode is grounded" in result.reason
 
 
-def test_rows_that_show_no_grounded_electrode_are_withheld():
+def test_rows_that_show_no_grounded_electrode_are_withheld(small):
     """Rows of a converter that stood still were contacts of 0.2 to 130 N, from the first row on."""
-    pipeline = Pipeline(load_layout("equal-4x4"), Settings("fast"))
+    pipeline = small.with_settings(small.settings)
     random = np.random.default_rng(7)
     for name, voltages in unseen_ground():
         rows, said = pipeline.rows(), []
@@ -436,22 +455,19 @@ def test_a_touch_that_few_channels_see_is_no_untouched_sheet(
 @pytest.mark.parametrize(
     "profile, offset", [("fast", 0.02), ("balanced", 0.03), ("accurate", 0.03)]
 )
-def test_a_contact_that_may_be_anywhere_is_withheld(profile, offset):
+def test_a_contact_that_may_be_anywhere_is_withheld(small, profile, offset):
     """An offset of all channels was a touch of 1 mN in a corner, give or take half a metre."""
-    layout = load_layout("equal-4x4")
     scene = Scene("idle", DRIVE, noise=Noise(1e-3), adc=Adc(12, DRIVE))
-    voltages = Simulator(layout, scene).frame(0.0) + offset
-    result = Pipeline(layout, Settings(profile)).process(voltages, GROUNDED[:16], DRIVE)
+    voltages = Simulator(small.layout, scene).frame(0.0) + offset
+    pipeline = small.with_settings(Settings(profile))
+    result = pipeline.process(voltages, GROUNDED[:16], DRIVE)
     assert result.state == "withheld" and not result.contacts
     assert "too small to say where" in result.reason or "disturbs all readings" in result.reason
 
 
-def test_rows_go_on_when_a_channel_is_left_out():
+def test_rows_go_on_when_a_channel_is_left_out(small):
     """What is read changes its length then, which ended the node."""
-    layout, pipeline = (
-        load_layout("equal-4x4"),
-        Pipeline(load_layout("equal-4x4"), Settings("fast")),
-    )
+    layout, pipeline = small.layout, small.with_settings(small.settings)
     pressed = Contact("disc", center=(0.02, 0.01), radius=0.006, pressure=2e4)
     scene = Scene("finger", DRIVE, [pressed], ContactLaw(1e-4, 1.0), Noise(1e-3))
     whole = rows_of(layout, Simulator(layout, scene).frame(0.0), GROUNDED[:16])
@@ -466,7 +482,7 @@ def test_rows_go_on_when_a_channel_is_left_out():
     assert result.state == "valid"
 
 
-@pytest.mark.parametrize("side, pressure", [(2, 100.0), (2, 1e4), (8, 100.0), (8, 1e4), (8, 1e6)])
+@pytest.mark.parametrize("side, pressure", [(2, 100.0), (2, 1e4), (8, 100.0), (8, 1e6)])
 def test_a_contact_on_the_whole_sheet_shows_what_is_grounded(side, pressure):
     """The widest contact changes least from row to row, and is not taken for broken electronics."""
     pressed = Contact("rectangle", center=(0.0, 0.0), size=(0.2, 0.2), pressure=pressure)
@@ -484,33 +500,25 @@ def common_to_rows(count):
     yield "ramp of 20 mV", 0.02 * row / count
 
 
-@pytest.mark.parametrize("name, profile", [("equal-4x4", "balanced"), ("equal-8x8", "fast")])
-def test_what_all_readings_of_a_row_have_in_common_is_no_contact(name, profile):
+@pytest.mark.parametrize("profile", ["fast", "balanced"])
+def test_what_all_readings_of_a_row_have_in_common_is_no_contact(small, profile):
     """An untouched sheet with a ramp of 20 mV was a contact of 0.002 N, a sine of 1 V one of 0.15 N."""
-    layout = load_layout(name)
-    count = layout.electrodes
-    noise = 1e-3 * np.random.default_rng(2).standard_normal((count, count))
-    pipeline = Pipeline(layout, Settings(profile))
-    for what, common in common_to_rows(count):
-        result = pipeline.with_settings(pipeline.settings).process(
-            common[:, None] + noise, GROUNDED[:count], DRIVE
-        )
+    noise = 1e-3 * np.random.default_rng(2).standard_normal((16, 16))
+    for what, common in common_to_rows(16):
+        pipeline = small.with_settings(Settings(profile))
+        result = pipeline.process(common[:, None] + noise, GROUNDED[:16], DRIVE)
         assert result.state == "withheld" and not result.contacts and result.reason, what
 
 
-@pytest.mark.parametrize("name, phase", [("equal-4x4", 4.0), ("equal-8x8", 2.0)])
-def test_a_disturbance_of_whole_rows_does_not_move_a_contact_unseen(name, phase):
+def test_a_disturbance_of_whole_rows_does_not_move_a_contact_unseen(small):
     """Hum of 0.2 V put a contact 40 to 70 mm beside its place, and it was valid."""
-    layout = load_layout(name)
-    count = layout.electrodes
     pressed = Contact("disc", center=(0.02, 0.03), radius=0.008, pressure=2e4)
     scene = Scene("pressed", DRIVE, [pressed], ContactLaw(1e-6, 1.0))
-    readings = Simulator(layout, scene, "closed_form").frame(0.0)
-    readings += 1e-3 * np.random.default_rng(2).standard_normal((count, count))
-    hum = 0.2 * np.sin(0.7 * np.arange(count) + phase)
-    first = Pipeline(layout, Settings("balanced"))
+    readings = Simulator(small.layout, scene, "closed_form").frame(0.0)
+    readings += 1e-3 * np.random.default_rng(2).standard_normal((16, 16))
+    hum = 0.2 * np.sin(0.7 * np.arange(16) + 4.0)
     quiet, humming = (
-        first.with_settings(first.settings).process(each, GROUNDED[:count], DRIVE)
+        small.with_settings(Settings("balanced")).process(each, GROUNDED[:16], DRIVE)
         for each in (readings, readings + hum[:, None])
     )
     (found,) = quiet.contacts
@@ -518,9 +526,8 @@ def test_a_disturbance_of_whole_rows_does_not_move_a_contact_unseen(name, phase)
     assert humming.state == "withheld" and not humming.contacts
 
 
-def test_rows_with_something_in_common_are_no_contacts():
-    layout = load_layout("equal-4x4")
-    pipeline = Pipeline(layout, Settings("fast"))
+def test_rows_with_something_in_common_are_no_contacts(small):
+    pipeline = small.with_settings(small.settings)
     random = np.random.default_rng(7)
     rows, said = pipeline.rows(), []
     humming = 0.02 * np.sin(0.7 * np.arange(48))[:, None] + 1e-3 * random.standard_normal((48, 16))
@@ -531,7 +538,7 @@ def test_rows_with_something_in_common_are_no_contacts():
     assert set(said[47:]) == {("withheld", 0)}
 
 
-@pytest.mark.parametrize("name", ["equal-4x4", "optimized-4x4", "equal-8x8", "ring-16", "hex-37"])
+@pytest.mark.parametrize("name", ["equal-8x8", "ring-16", "hex-37"])
 def test_contacts_show_what_is_grounded_also_when_they_begin_within_a_frame(name):
     """The nearest electrodes to the grounded one are lowered under any contact, weak or strong."""
     layout = load_layout(name)

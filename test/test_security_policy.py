@@ -35,8 +35,9 @@ def allowed(node: str, kind: str, what: str) -> set[str]:
 
 
 def test_the_policy_allows_what_the_nodes_do_and_nothing_else(probe, start):
-    start("driver", {"scene": "idle"})
-    start("reconstruction")
+    small = {"layout": "equal-4x4"}
+    start("driver", {"scene": "idle", **small})
+    start("reconstruction", small)
     poses = POLICY.parent.parent / "poses" / "two_sensors.yaml"
     start("skin", {"sensors": "[left, right]", "poses": poses})
     probe.wait_for(Image, "/pressure")

@@ -48,7 +48,7 @@ places = st.tuples(st.floats(-0.11, 0.11), st.floats(-0.11, 0.11))
 discs = st.builds(lambda at, r: Contact("disc", center=at, radius=r), places, st.floats(1e-5, 0.09))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(st.sampled_from(MODELS), st.lists(st.tuples(discs, conductances), min_size=1, max_size=4))
 def test_any_contacts(model, contacts):
     """Between ground and drive; up to 5 % over where a bare edge runs along an electrode."""

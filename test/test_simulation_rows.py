@@ -79,12 +79,13 @@ def test_a_frame_is_made_of_rows_that_are_each_solved_at_their_own_time(contacts
     assert np.nanmax(np.abs(got - simulator(*contacts, law=law, row_period=0).frame(0.0))) > 0.1
 
 
-@pytest.mark.parametrize("contacts", MOVING.values(), ids=MOVING)
-def test_rows_of_an_anisotropic_torn_sheet(contacts):
+@pytest.mark.parametrize("name", ["over electrodes", "begins and ends"])
+def test_rows_of_an_anisotropic_torn_sheet(name):
     """Distances that count are those in stretched coordinates, with electrodes as ellipses
     there."""
     tear = Tear(((-0.09, 0.01), (0.02, 0.06)), 1e-4)
     uneven = Defects(sheet=SheetField(Anisotropy(1.5, 30.0), tears=(tear,)))
+    contacts = MOVING[name]
     rows = simulator(*contacts, defects=uneven)
     got = rows.frame(0.0)
     np.testing.assert_allclose(got, one_by_one(rows, 0.0), atol=ROUNDED)
@@ -94,8 +95,9 @@ def test_rows_of_an_anisotropic_torn_sheet(contacts):
 WARMING = Defects(sheet=SheetField(temperature=Temperature(rate=20.0)), switch_resistance=300.0)
 
 
-@pytest.mark.parametrize("contacts", MOVING.values(), ids=MOVING)
-def test_rows_of_a_sheet_that_becomes_warm(contacts):
+@pytest.mark.parametrize("name", ["off the rim", "begins and ends"])
+def test_rows_of_a_sheet_that_becomes_warm(name):
+    contacts = MOVING[name]
     rows = simulator(*contacts, defects=WARMING)
     got = rows.frame(0.0)
     np.testing.assert_allclose(got, one_by_one(rows, 0.0), atol=ROUNDED)
@@ -114,7 +116,7 @@ def test_contacts_at_rest_on_a_sheet_that_becomes_warm(law):
     assert np.nanmax(np.abs(got - simulator(*rest, law=law, defects=cold).frame(0.0))) > 1e-3
 
 
-@pytest.mark.parametrize("speed", [1e-3, 0.02, 0.08])
+@pytest.mark.parametrize("speed", [1e-3, 0.08])
 def test_rows_of_slow_contacts_are_interpolated_to_half_a_millivolt(speed):
     for start in (-0.02, 0.033, 0.05):
         rows = simulator(disc(start, 0.03, velocity=(speed, speed)), disc(-0.05, -0.05))
