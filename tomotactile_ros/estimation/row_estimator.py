@@ -32,7 +32,7 @@ from tomotactile_ros.estimation.frames_in_rows import (
     sliding,
     wide_now,
 )
-from tomotactile_ros.estimation.ground import ALIKE, GroundWatch
+from tomotactile_ros.estimation.ground import ALIKE, NO_GROUND, GroundWatch
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.reported import (
     FORCE_FLOOR,
@@ -479,6 +479,8 @@ class RowEstimator:
         rows = state.rows
         if state.ground.doubt:
             return Followed([], "withheld", state.ground.doubt)
+        if state.ground.unseen and not state.touching:  # what does not touch lies on no electrode
+            return Followed([], "withheld", NO_GROUND)
         if state.turns.doubtful(len(self.estimator.layout.positions)):
             return Followed([], "withheld", IN_TURN)
         if state.end.doubtful(len(self.estimator.layout.positions)):
