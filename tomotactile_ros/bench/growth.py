@@ -4,6 +4,7 @@ logarithmic scales."""
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -35,7 +36,10 @@ def measure(tick: Callable[[float], None]) -> dict:
         frames[size] = _frame(pipeline)
         tick(len(frames) / len(sizes))
     setups = timing.in_turn(
-        {size: [make] for size, make in makers.items()}, least=3, seconds=_SECONDS, warm=False
+        {size: [partial(timing.afresh, make)] for size, make in makers.items()},
+        least=3,
+        seconds=_SECONDS,
+        warm=False,
     )
     frames = timing.in_turn(
         {size: [call] for size, call in frames.items()}, least=20, seconds=_SECONDS, turn=0.01

@@ -128,7 +128,10 @@ def _add_setups(times, cases, seconds):
     """To `times` by layout and resolution; now and then, as a machine may be slow for long."""
     calls = {
         (layout, cells): [
-            partial(Pipeline, find_layout(layout), Case(layout, resolution=cells).settings)
+            partial(
+                timing.afresh,
+                partial(Pipeline, find_layout(layout), Case(layout, resolution=cells).settings),
+            )
         ]
         for layout, cells in dict.fromkeys((case.layout, case.resolution) for case in cases)
     }

@@ -510,9 +510,10 @@ def operator_for(
     """The operator of a layout's sheet as drawn, made once for all who ask; arguments as of `SheetOperator`."""
     same = layout.id, layout.sheet_resistance, layout.tolerance, layout.surface, layout.scan
     used = np.arange(layout.electrodes) if used is None else np.asarray(used, int)
-    return _made(_Of(layout, same), model, tuple(used.tolist()))
+    return made(_Of(layout, same), model, tuple(used.tolist()))
 
 
 @lru_cache(maxsize=_KEPT)
-def _made(of: _Of, model: str, used: tuple[int, ...]) -> SheetOperator:
+def made(of: _Of, model: str, used: tuple[int, ...]) -> SheetOperator:
+    """Those that were asked for; `made.cache_clear()` forgets them."""
     return SheetOperator(of.layout, model, used)
