@@ -166,9 +166,11 @@ def _contact(
     ways[i] -= IMPEDANCE_FLOOR * there.force_by_impedance(i, law.exponent)
     unknown = ways @ ways + crowded(known, sheet) ** 2 + aside[2, 2]
     relative = float(np.sqrt(noise + FORCE_FLOOR**2 + unknown))
-    least = known * float(np.exp(-BELOW * relative))
-    if not bare and told(known**2 / least, prediction.means[i], sheet)[1]:
-        known, bare = least, True  # it may be one
+    # readings tell 1/c and D together: of 1/c an error is the same however large c is
+    found = prediction.conductances[i]
+    most = found / max(1 - BELOW * relative, 1e-9)
+    if bare or told(most, prediction.means[i], sheet)[1]:  # it may be one
+        known, bare = min(known, found / (1 + BELOW * relative)), True
     g = known * covered
     pressure = float(law.pressure(g / area))
     relative = np.inf if bare else min(relative, MOST_RELATIVE)
