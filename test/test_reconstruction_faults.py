@@ -127,7 +127,8 @@ def test_one_reading_at_the_end_of_the_converter_is_left_out(bits):
     assert not clipped(read, 5.0).any()
 
 
-@pytest.mark.parametrize("profile, stuck", [("fast", 36), ("accurate", 12)])
+@pytest.mark.parametrize("profile", ["fast", "accurate"])
+@pytest.mark.parametrize("stuck", [36, 12])
 def test_a_channel_that_stands_still_is_named(profile, stuck):
     """Under a contact it does if it is not at the drive voltage; beside one also there."""
     eight = load_layout("equal-8x8")

@@ -22,7 +22,7 @@ from tomotactile_ros.scenes.contact import Contact, ContactLaw
 from tomotactile_ros.scenes.defects import Adc, Defects, Noise, SheetVariation
 from tomotactile_ros.scenes.scene import Scene
 from tomotactile_ros.simulation import Simulator
-from tomotactile_ros.support.errors import InputError
+from tomotactile_ros.support.errors import Doubt, InputError
 
 DRIVE, LAW = 3.3, ContactLaw(1e-4, 1.0)
 TRUE = [(0.034, 0.051, 20e3), (-0.045, -0.022, 30e3)]
@@ -382,6 +382,9 @@ def test_whatever_comes_in_nothing_infinite_goes_out(voltages, random, drive):
     grounded = np.array(random.sample(range(9), len(voltages)), int)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
+        warnings.filterwarnings(
+            "ignore", "row_period: 0 says", Doubt
+        )  # some do contradict each other
         for pipeline in SMALL_PIPELINES:
             assert all_finite(pipeline.process(voltages, grounded, drive))
 

@@ -57,9 +57,8 @@ def beyond(place: np.ndarray, layout: Layout, used: np.ndarray) -> np.ndarray:
     centres = layout.positions[used]
     starts = other_sides(place, centres[np.hypot(*(centres - place).T).argmin()])
     starts = starts[layout.outline.contains(starts)]
-    if enclosed(place[None], centres, layout.radius)[0] and len(starts):
-        starts = starts[~enclosed(starts, centres, layout.radius)]
-    return starts
+    amid = enclosed(np.vstack([place, starts]), centres, layout.radius)
+    return starts[~amid[1:]] if amid[0] else starts
 
 
 def as_discs(unknowns: Unknowns, radii: np.ndarray, pitch: float) -> Unknowns:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -266,14 +266,15 @@ class Estimator:
         scan = _Scan(np.asarray(voltages, float), np.asarray(grounded, int), first, without)
         frame = scan.taken_off(state.settling), scan.grounded, drive_voltage
         noise = max(self.noise, state.noise)
-        asked = "settling" in self.unknown
+        asked = _Asked(row_period, noise, follow, scan, "settling" in self.unknown)
         try:
-            estimate, seen = self._look(*frame, state, row_period, noise, follow, scan, asked)
+            estimate, seen = self._look(*frame, state, asked)
         except _Unsettled as what:
             state.forget()
             state.settling = what.settling
             frame = scan.taken_off(state.settling), scan.grounded, drive_voltage
-            estimate, seen = self._look(*frame, state, row_period, noise, follow, scan)
+            asked = asked._replace(settling=False)
+            estimate, seen = self._look(*frame, state, asked)
         if seen is None:
             return estimate
         variance, readings = seen
@@ -288,7 +289,7 @@ class Estimator:
         if noisier:
             state.forget()
             state.noise = as_seen
-            estimate, _ = self._look(*frame, state, row_period, as_seen, follow, scan)
+            estimate, _ = self._look(*frame, state, asked._replace(noise=as_seen, settling=False))
         elif variance < 1 / _NOISIER and estimate.contacts:  # untouched, a part of it is cut off
             state.noise = as_seen
         return replace(estimate, noise=max(self.noise, state.noise))
@@ -299,26 +300,25 @@ class Estimator:
         grounded: np.ndarray,
         drive_voltage: float,
         state: State,
-        row_period: float,
-        noise: float,
-        follow: ByRows | None,
-        scan: _Scan,
-        asked: bool = False,
+        asked: _Asked,
     ) -> tuple[Estimate, tuple[float, int] | None]:
-        """`estimate` of readings with `noise`, V rms, and what they show of it: its variance in parts of
-        that, and the number of readings; None where they do not. `scan` : as they were read; `_Unsettled`
-        where these keep a part of the row before, if that is `asked`.
+        """`estimate` of readings, and what they show of their noise: its variance in parts of what was `asked`,
+        and the number of readings; None where they do not. `_Unsettled` where they keep a part of the row
+        before, if that is asked.
 
         A channel that never changes and is driven lies under a conductor, or is broken: what the readings of
         all others contradict is not so.
         """
-        given = row_period, noise, follow, scan, asked
         read = np.isfinite(voltages)
         read[np.arange(len(grounded)), grounded] = False
-        covered = driven_channels(voltages, read, self.noise, drive_voltage)
+        without = voltages - self.offsets(tuple(range(self.layout.electrodes)))
+        # by the noise that was said: what channels have more, one that is stuck does not show
+        stuck = stuck_channels(without, read, self.noise)
+        covered = driven_channels(stuck, voltages, read, drive_voltage)
+        given = voltages, grounded, drive_voltage
         while covered.any():
             trial = replace(state)
-            found = self._look_without(voltages, grounded, drive_voltage, trial, *given, covered)
+            found = self._look_without(*given, trial, asked, stuck & ~covered, covered)
             if trial.fit is None or not found[0].contacts or found[0].misfit > MISFIT:
                 break
             broken = covered & ~_are_driven(trial.fit)
@@ -326,8 +326,7 @@ class Estimator:
                 state.become(trial)
                 return found
             covered &= ~broken
-        none = np.zeros_like(covered)
-        return self._look_without(voltages, grounded, drive_voltage, state, *given, none)
+        return self._look_without(*given, state, asked, stuck, np.zeros_like(covered))
 
     def _look_without(
         self,
@@ -335,15 +334,13 @@ class Estimator:
         grounded: np.ndarray,
         drive_voltage: float,
         state: State,
-        row_period: float,
-        noise: float,
-        follow: ByRows | None,
-        scan: _Scan,
-        asked: bool,
+        asked: _Asked,
+        stuck: np.ndarray,
         covered: np.ndarray,
     ) -> tuple[Estimate, tuple[float, int] | None]:
-        """The same where the electrodes `covered` (E,) lie under a conductor, whose currents into them say
-        nothing of the sheet."""
+        """The same where channels `stuck` (E,) are broken, and electrodes `covered` (E,) lie under a conductor,
+        whose currents into them say nothing of the sheet."""
+        row_period, noise, follow, scan, settling = asked
         left_out = {e: EXCLUDED for e in self.excluded}
         if not len(grounded):
             return Estimate([], [], "withheld", "no row was read", left_out), None
@@ -355,10 +352,6 @@ class Estimator:
         valid[covered[grounded]] = False
         for electrode in np.flatnonzero(dead_channels(read)):
             left_out.setdefault(int(electrode), "no readings")
-        everything = tuple(range(self.layout.electrodes))
-        without = voltages - self.offsets(everything)
-        # by the noise that was said: what channels have more, one that is stuck does not show
-        stuck = stuck_channels(without, valid, self.noise) & ~covered
         for electrode in np.flatnonzero(stuck):
             left_out.setdefault(int(electrode), STUCK)
         used = tuple(e for e in range(self.layout.electrodes) if e not in left_out)
@@ -366,7 +359,7 @@ class Estimator:
             return Estimate(
                 [], [], "withheld", "fewer than two electrodes can be read", left_out
             ), None
-        several = len(left_out) - len(self.excluded), len(everything) - len(self.excluded)
+        several = len(left_out) - len(self.excluded), self.layout.electrodes - len(self.excluded)
         if bad := too_many_are_bad(*several):
             state.forget()
             return Estimate([], [], "withheld", bad, left_out), None
@@ -410,7 +403,7 @@ class Estimator:
         if start is not None and begun:
             start = start.with_contacts(np.empty((0, 6)), (), np.empty((0, 6), bool))
         try:
-            before = partial(scan.before, voltages, drive_voltage) if asked else None
+            before = partial(scan.before, voltages, drive_voltage) if settling else None
             begins = partial(
                 self._begins, search, prior=prior, noise=noise, before=before, state=state
             )
@@ -434,8 +427,9 @@ class Estimator:
         if not torn and self._recut(fit, used, len(rows.grounded)):
             state.forget()
             state.unknowns, state.used = fit.unknowns, used
-            return self._look(
-                voltages, grounded, drive_voltage, state, row_period, noise, follow, scan
+            asked = asked._replace(settling=False)
+            return self._look_without(
+                voltages, grounded, drive_voltage, state, asked, stuck, covered
             )
         first += begun
         # the next frame begins where this one ends, and is estimated for its middle
@@ -927,6 +921,17 @@ class _Scan:
         whole = np.where(np.isnan(voltages), self.voltages, voltages)
         out[self.grounded] = rows_before(whole, self.grounded, self.first) / drive_voltage
         return out
+
+
+class _Asked(NamedTuple):
+    """Of rows `row_period` s apart with `noise`, V rms: `follow` says what is asked of those within which
+    something changes; `scan` : as they were read; `settling` : whether they may keep a part of the row before."""
+
+    row_period: float
+    noise: float
+    follow: ByRows | None
+    scan: _Scan
+    settling: bool
 
 
 class _Unsettled(Exception):

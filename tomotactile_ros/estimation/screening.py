@@ -60,11 +60,10 @@ def stuck_channels(readings: np.ndarray, valid: np.ndarray, noise: float) -> np.
 
 
 def driven_channels(
-    readings: np.ndarray, valid: np.ndarray, noise: float, drive_voltage: float
+    stuck: np.ndarray, readings: np.ndarray, valid: np.ndarray, drive_voltage: float
 ) -> np.ndarray:
-    """(E,) channels that never change as those of electrodes under a conductor do, which is at the drive
-    voltage, V, or those whose wires are broken there."""
-    stuck = stuck_channels(readings, valid, noise)
+    """(E,) of the channels that are `stuck` (E,) those that are so as of electrodes under a conductor, which is
+    at the drive voltage, V, or whose wires are broken there."""
     if not stuck.any():
         return stuck
     level = np.where(valid, readings, 0.0).sum(axis=0) / np.maximum(valid.sum(axis=0), 1)
