@@ -318,7 +318,9 @@ class Estimator:
         given = voltages, grounded, drive_voltage
         while covered.any():
             trial = replace(state)
-            found = self._look_without(*given, trial, asked, stuck & ~covered, covered)
+            seen = read & ~covered[grounded][:, None]
+            others = stuck_channels(without, seen, self.noise) & ~covered
+            found = self._look_without(*given, trial, asked, others, covered)
             if trial.fit is None or not found[0].contacts or found[0].misfit > MISFIT:
                 break
             broken = covered & ~_are_driven(trial.fit)
