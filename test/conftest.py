@@ -92,15 +92,16 @@ def probe(domain):
 
 @pytest.fixture
 def start(domain, tmp_path, monkeypatch):
-    """Starts programs of this package in the test's domain, and ends what is left of them."""
+    """Starts programs of this package in the test's domain, `warm` or as they are installed, and ends what is
+    left of them."""
     from ros_support import Process, program, ros_arguments
 
     monkeypatch.setenv("ROS_HOME", str(tmp_path / "ros"))  # what nodes keep there is of one test
     processes = []
 
-    def start_one(name, parameters=None, **names):
+    def start_one(name, parameters=None, warm=True, **names):
         command = [program(name), *ros_arguments(parameters or {}, **names)]
-        processes.append(Process(command, domain))
+        processes.append(Process(command, domain, warm))
         return processes[-1]
 
     yield start_one

@@ -4,11 +4,19 @@ import subprocess
 import sys
 from pathlib import Path
 
+from warm_start import begin
 
-def python(*words, **how) -> subprocess.CompletedProcess:
-    """Python with these words of the command line, to its end; what it writes is text."""
-    how = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "timeout": 600.0, **how}
-    return subprocess.run([sys.executable, *map(str, words)], check=False, text=True, **how)
+
+def python(*words, warm=True, **how) -> subprocess.CompletedProcess:
+    """Python with these words of the command line, to its end, see `begin`; what it writes is text."""
+    how = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, **how}
+    with begin([sys.executable, *map(str, words)], warm, **how) as process:
+        try:
+            said = process.communicate(timeout=600.0)
+        except BaseException:
+            process.kill()
+            raise
+    return subprocess.CompletedProcess(process.args, process.returncode, *said)
 
 
 def descendants(pid):

@@ -64,7 +64,7 @@ def arguments_of(device: str, folder, layout: str, scene: str) -> dict[str, str]
 def plug_in(folder, layout: str, scene: str, domain: int) -> Process:
     """The emulator, at the other end of the line of `arguments_of`."""
     words = ["--layout", layout, "--scene", scene, "--port", f"pty:{folder / 'port'}"]
-    return Process([program("emulator"), *words], domain)
+    return Process([program("emulator"), *words], domain, warm=False)
 
 
 def check_topics(probe: Probe, prefix: str = "", frame_id: str = "tactile_link") -> None:

@@ -14,6 +14,8 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
+from warm_start import begin
+
 LIMIT = 240.0  # s; a machine that is busy takes long to start a process, or to estimate a frame
 ASK_AGAIN = 10.0  # s
 
@@ -54,12 +56,14 @@ class Process:
     ----------
     command : program and arguments.
     domain : its ROS domain.
+    warm : whether it may be a fork, see warm_start.
     """
 
-    def __init__(self, command: list[str], domain: int):
+    def __init__(self, command: list[str], domain: int, warm: bool = True):
         self._output = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the process
-        self._process = subprocess.Popen(
+        self._process = begin(
             command,
+            warm,
             env=dict(os.environ, ROS_DOMAIN_ID=str(domain)),
             stdin=subprocess.DEVNULL,
             stdout=self._output,

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from process_support import python
+from warm_start import begin
 
 from tomotactile_ros import cli
 from tomotactile_ros.commands import run as live
@@ -29,7 +30,7 @@ LAYOUT = load_layout("equal-4x4")
 def emulated(*words):
     """`tomotactile emulate` in a process of its own; the port that it prints."""
     command = [sys.executable, "-m", "tomotactile_ros.cli", "emulate", "--layout", "equal-4x4"]
-    process = subprocess.Popen([*command, *words], stdout=subprocess.PIPE, text=True)
+    process = begin([*command, *words], stdout=subprocess.PIPE, text=True)
     try:
         yield process.stdout.readline().strip()
         process.send_signal(signal.SIGINT)

@@ -21,7 +21,7 @@ EXAMPLE = Path(__file__).resolve().parent.parent / "examples" / "press_from_mujo
 def test_without_mujoco_the_example_says_what_to_install(tmp_path):
     (tmp_path / "mujoco.py").write_text("raise ImportError")
     search = os.pathsep.join([str(tmp_path), os.environ["PYTHONPATH"]])
-    done = python(EXAMPLE, env=dict(os.environ, PYTHONPATH=search))
+    done = python(EXAMPLE, warm=False, env=dict(os.environ, PYTHONPATH=search))
     assert done.returncode == 1 and done.stdout == ""
     assert done.stderr.splitlines() == [
         "press_from_mujoco: MuJoCo is missing, install it with: python3 -m pip install mujoco"

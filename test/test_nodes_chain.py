@@ -25,8 +25,8 @@ LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 def test_two_processes_make_images_where_the_scene_presses_and_outlive_each_other(
     probe, start, scene
 ):
-    driver = start("driver", {"scene": scene})
-    reconstruction = start("reconstruction")
+    driver = start("driver", {"scene": scene}, warm=False)
+    reconstruction = start("reconstruction", warm=False)
     ros_checks.check_topics(probe)
     ros_checks.check_contact(probe)
     ros_checks.check_stamps(probe, 0.5)
@@ -115,8 +115,8 @@ def test_managed_nodes_follow_their_transitions(probe, start, scene):
         assert state(node) == goal
 
     nodes = {
-        "driver": start("driver_lifecycle", {"scene": scene}),
-        "reconstruction": start("reconstruction_lifecycle"),
+        "driver": start("driver_lifecycle", {"scene": scene}, warm=False),
+        "reconstruction": start("reconstruction_lifecycle", warm=False),
     }
     for node in nodes:
         assert state(node) == State.PRIMARY_STATE_UNCONFIGURED
@@ -196,7 +196,7 @@ def test_a_managed_node_says_why_a_transition_cannot_be(probe, start):
 
 
 def test_a_managed_node_can_start_by_itself(probe, start, scene):
-    start("tactile_lifecycle", {"scene": scene, "autostart": "true"})
+    start("tactile_lifecycle", {"scene": scene, "autostart": "true"}, warm=False)
     ros_checks.check_contact(probe)
     refused = start("driver_lifecycle", {"scene": "no-such-scene", "autostart": "true"})
     assert refused.wait() == 2

@@ -48,7 +48,7 @@ def test_it_writes_the_layout_and_ends(start, tmp_path):
     out = tmp_path / "better.yaml"
     parameters = {"layout": "equal-4x4", "method": "equalize", "steps": 1}
     parameters |= {"out": out, "name": "better"}
-    process = start("optimizer", parameters)
+    process = start("optimizer", parameters, warm=False)
     assert process.wait() == 0, process.output
     layout = load_layout(out)
     assert layout.name == "better" and layout.electrodes == 16

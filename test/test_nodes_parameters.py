@@ -148,9 +148,8 @@ def test_parameters_are_described_paths_fixed_and_misspelt_ones_pointed_out(
     files = [share / f"{name}.yaml" for name in ("driver", "reconstruction")]
     of_another = tmp_path / "p.yaml"
     of_another.write_text("left: {driver: {ros__parameters: {rate: 20.0}}}\n")
-    tactile = start(
-        "tactile", {"rat": "20.0", "partial_frames": "true"}, files=[*files, of_another]
-    )
+    given = {"rat": "20.0", "partial_frames": "true"}
+    tactile = start("tactile", given, warm=False, files=[*files, of_another])
     probe.wait_for(VoltageFrame, "/voltage_frame")
     assert "parameter 'rat' is unknown and ignored; did you mean 'rate'?" in tactile.output
     assert "partial_frames" not in tactile.output  # the other node's

@@ -72,7 +72,7 @@ def merged(probe, suits):
 
 def test_contacts_of_two_sensors_become_one_list_in_the_robots_frame(probe, start, poses):
     left, right = Sensor(probe, "left", "left_link"), Sensor(probe, "right", "right_link")
-    skin = start("skin", {"sensors": "[left, right]", "poses": poses})
+    skin = start("skin", {"sensors": "[left, right]", "poses": poses}, warm=False)
     both = merged(probe, lambda m: m.state == ContactArray.VALID and len(m.contacts) == 2)
     assert both.header.frame_id == "base_link" and both.header.stamp.sec >= 1000
     by_id = {c.id: c for c in both.contacts}
@@ -279,7 +279,7 @@ def test_two_sensors_in_one_process_have_their_own_parameters_and_topics(
     file = tmp_path / "two.yaml"
     (given,) = re.findall(r"```yaml\n(/left.*?)```", DOCS.read_text("utf-8"), re.DOTALL)
     file.write_text(given.replace("scene: tap", f"scene: {scene}"))
-    sensors = start("sensors", {"sensors": "[left, right]"}, files=[file])
+    sensors = start("sensors", {"sensors": "[left, right]"}, warm=False, files=[file])
     ros_checks.check_contact(probe, "/left")
     idle = probe.wait_for(ContactArray, "/right/contacts")
     assert (idle.header.frame_id, list(idle.contacts)) == ("right_link", [])

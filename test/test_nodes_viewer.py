@@ -17,7 +17,7 @@ from ros_support import ends_cleanly
 def test_two_sensors_are_seen_by_their_topics(probe, start, scene):
     both = {"sensors": "[left, right]"}
     start("sensors", {**both, "scene": scene, "layout": "equal-4x4", "rate": 10.0})
-    viewer = start("viewer", {**both, "port": 0})
+    viewer = start("viewer", {**both, "port": 0}, warm=False)
     address = re.compile(r"the page is (http://127\.0\.0\.1:\d+)")
     probe.until(lambda: address.search(viewer.output), "address of the page")
     tab = Tab(address.search(viewer.output)[1])

@@ -11,6 +11,7 @@ import time
 import numpy as np
 import pytest
 from process_support import descendants, running
+from warm_start import begin
 
 from tomotactile_ros.cli import main
 from tomotactile_ros.layouts.layout import equal_grid, load_layout
@@ -187,7 +188,7 @@ def test_a_stopped_optimizer_writes_its_best_and_leaves_nobody_behind(tmp_path, 
     program.write_text(NOT_UNDER_NOHUP + STEADY)
     command = ["optimize", "--rows", "3", "--cols", "3", "--method", "free", "--steps", "100000"]
     command += ["--resolution", "6", "--starts", "2", "--workers", "2", "--out", str(out)]
-    process = subprocess.Popen(
+    process = begin(
         [sys.executable, str(program), *command],
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,

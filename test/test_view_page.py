@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from process_support import python
+from warm_start import begin
 
 from tomotactile_ros.cli import main
 from tomotactile_ros.layouts.grid import Grid
@@ -67,9 +68,8 @@ def serve():
     processes = []
 
     def serve_one(*words):
-        code = "import sys; from tomotactile_ros.cli import main; sys.exit(main(sys.argv[1:]))"
-        command = [sys.executable, "-c", code, *words, "--web-port", "0"]
-        processes.append(subprocess.Popen(command, stdout=subprocess.PIPE, text=True))
+        command = [sys.executable, "-m", "tomotactile_ros.cli", *words, "--web-port", "0"]
+        processes.append(begin(command, stdout=subprocess.PIPE, text=True))
         line = processes[-1].stdout.readline()
         assert "http://127.0.0.1:" in line
         return line.split()[-1]
