@@ -357,8 +357,8 @@ def test_the_sheet_as_drawn_is_where_learning_begins_and_is_not_known_for_it():
     rows = [
         rows_of(operator(), each, np.arange(16), DRIVE, NOISE, ends) for each in frames()[1:6:2]
     ]
-    fits, _ = recorded._first(known, rows, lambda items, doing: items, False)
-    assert all(len(fit.unknowns.contacts) for fit in fits) and known.state.touches == 3
+    fits, _, as_drawn = recorded._first(known, rows, lambda items, doing: items, False)
+    assert as_drawn and all(len(fit.unknowns.contacts) for fit in fits) and known.state.touches == 3
     assert (known.state.std("cut") > 0.9 * before).all()
     assert known.state.std("gain").max() < 0.1 * WIDE.gain
 
@@ -392,6 +392,19 @@ def test_dead_channels_are_named_and_left_as_expected():
     assert found.state.std("gain")[3] == pytest.approx(WIDE.gain)
     assert found.state.std("gain")[4] < 0.01
     assert "electrode 3: no readings" in "\n".join(findings.lines(found))
+
+
+def test_what_too_few_touches_cannot_check_stays_as_drawn():
+    """Frames of one touch are no check of what others have told: each touch is here four times."""
+    found = learn(layout(), np.repeat(frames()[:3], 4, axis=0), np.arange(16), DRIVE, noise=NOISE)
+    start = SensorState.unknown(found.operator, WIDE)
+    assert found.state.touches == 3 and found.kept_out is None
+    assert found.state.left_out == ("outline and radius",)
+    np.testing.assert_array_equal(found.state["cut"], start["cut"])
+    np.testing.assert_allclose(found.state.std("cut"), start.std("cut"))
+    assert found.state.std("gain").max() < 0.1 * WIDE.gain
+    assert "too few to tell" in (said := "\n".join(findings.lines(found)))
+    assert "(outline and radius: as in the layout)" in said
 
 
 def test_wires_swapped_before_the_first_touch_are_said_and_not_learned():

@@ -34,7 +34,7 @@ def touches(random, count, varying=()):
     return parts
 
 
-def judged(parts):
+def judged(parts, of=None):
     def learned(some):
         inverse = np.linalg.inv(START.covariance)
         matrix = inverse + sum(weight * each.matrix for each, weight in some)
@@ -43,7 +43,8 @@ def judged(parts):
         return START.learned(START.mean + covariance @ vector, covariance)
 
     where = np.arange(SIZE)
-    return Predicted(parts, START.mean, where, learned, START, np.zeros(SIZE)).judged()
+    of = range(len(parts)) if of is None else of
+    return Predicted(parts, of, START.mean, where, learned, START, np.zeros(SIZE)).judged()
 
 
 def test_what_all_touches_have_is_kept_and_predicts_the_others():
@@ -64,10 +65,20 @@ def test_where_touches_agree_in_nothing_the_layout_is_left():
     assert set(found.left_out) == set(GROUPS) and found.gained == 0
 
 
+def test_frames_of_one_touch_do_not_predict_each_other():
+    """Each touch has gains of its own: those of one predict its own frames, and not the others."""
+    parts = touches(np.random.default_rng(4), 5, GROUPS["gains"])
+    repeated = [each for each in parts for _ in range(10)]
+    found = judged(repeated, [touch for touch in range(5) for _ in range(10)])
+    assert found.touches == 5 and found.left_out == ("gains",)
+    assert judged(repeated[:10]).left_out == ()
+
+
 def test_the_evidence_is_that_of_the_readings():
     """Of one number with one reading: a normal distribution of variance 1 + its own."""
     parts = touches(np.random.default_rng(3), 5)
-    whole = Predicted(parts, START.mean, np.arange(SIZE), lambda some: START, START, 0 * WIDTH)
+    at = START.mean, np.arange(SIZE)
+    whole = Predicted(parts, range(5), *at, lambda some: START, START, 0 * WIDTH)
     evidence = whole.without(())[0]
     direct = 0.0
     for found, _ in parts:

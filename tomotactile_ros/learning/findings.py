@@ -171,9 +171,10 @@ def lines(learned: Learned) -> Iterator[str]:
     if not state.touches:
         yield "nothing but offsets was learned: no frame shows a touch that rests"
     elif state.touches < LEAST:
+        but = f" ({' and '.join(state.left_out)}: as in the layout)" if state.left_out else ""
         yield (
-            f"{count(state.touches, 'touch', 'es')}: too few to tell whether what was learned predicts others; "
-            f"{LEAST} to {MOST} in different places are wanted"
+            f"{count(state.touches, 'touch', 'es')}: too few to tell whether what was learned predicts others"
+            f"{but}; {LEAST} to {MOST} in different places are wanted"
         )
 
 

@@ -6,7 +6,8 @@ and with covariance C; how well it predicts touch j is the evidence for that, co
 
     -2 ln p = x_j + d^T C^-1 d - (v_j + C^-1 d)^T (L_j + C^-1)^-1 (v_j + C^-1 d) + ln det(1 + C L_j)
 
-Touches are kept out a fifth at a time (cross-validation). Each part of what was learned is judged
+Touches are kept out a fifth at a time (cross-validation), each with all of its frames: what the model lacks is
+the same in these, and they would predict each other whatever was learned. Each part of what was learned is judged
 against what was expected of it before: where the touches kept out are likelier without it, it is left out.
 """
 
@@ -58,7 +59,8 @@ class Predicted:
 
     Parameters
     ----------
-    parts : (information, weight) of each touch, at theta `at` (D,); `where` (d,) of theta it is
+    parts : (information, weight) of each frame, at theta `at` (D,); `where` (d,) of theta it is
+    touches : the touch that each of `parts` is of, from 0 on
     learned : state that follows from some of the parts
     start : state before any of them; `vary` (d,) variances from one touch to the next
     """
@@ -66,6 +68,7 @@ class Predicted:
     def __init__(
         self,
         parts: Sequence[tuple[Information, float]],
+        touches: Sequence[int],
         at: np.ndarray,
         where: np.ndarray,
         learned: Callable[[Sequence[tuple[Information, float]]], SensorState],
@@ -74,12 +77,14 @@ class Predicted:
     ):
         self._parts, self._at, self._where, self._vary = parts, at, where, vary
         self._start = start
+        self._touches = len(set(touches))
+        of = [touch % FOLDS for touch in touches]
         self._folds = [
             (
-                learned([part for i, part in enumerate(parts) if i % FOLDS != fold]),
-                parts[fold::FOLDS],
+                learned([part for part, its in zip(parts, of) if its != fold]),
+                [part for part, its in zip(parts, of) if its == fold],
             )
-            for fold in range(min(FOLDS, len(parts)))
+            for fold in range(FOLDS)
         ]
 
     def without(self, left_out: Sequence[str]) -> tuple[float, float, float]:
@@ -113,8 +118,8 @@ class Predicted:
             left_out, best = tuple(GROUPS), layout
         count = max(sum(found.readings for found, _ in self._parts), 1)
         found, predicted, drawn = np.sqrt(np.maximum([*best[1:], layout[1]], 0.0) / count).tolist()
-        gained = (best[0] - layout[0]) / len(self._parts)
-        return KeptOut(len(self._parts), gained, found, predicted, drawn, left_out)
+        gained = (best[0] - layout[0]) / self._touches
+        return KeptOut(self._touches, gained, found, predicted, drawn, left_out)
 
 
 class _Expected:

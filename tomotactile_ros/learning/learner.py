@@ -240,16 +240,18 @@ class Learner:
         self._add(parts, at)
         return self.state
 
-    def judged(self, start: SensorState, parts, at: np.ndarray) -> KeptOut | None:
-        """How well touches `parts`, as `again` has them, are predicted from each other; what does not help
-        is as at the `start` then. None of fewer than are needed."""
-        if len(parts) < LEAST:
+    def judged(
+        self, start: SensorState, parts, touches: Sequence[int], at: np.ndarray
+    ) -> KeptOut | None:
+        """How well `touches` that `parts`, as `again` has them, are of, are predicted from each other; what does
+        not help is as at the `start` then. None of fewer than are needed."""
+        if len(set(touches)) < LEAST:
             return None
         vary = np.zeros(len(self._mean))
         vary[self._about.slice("offset")] = OFFSET_WANDER**2
         vary, known = vary[self._where], self.state
         learned = partial(self.again, start, at=at)
-        found = Predicted(parts, at, self._where, learned, start, vary).judged()
+        found = Predicted(parts, touches, at, self._where, learned, start, vary).judged()
         self.set(replace(forgotten(known, start, found.left_out), left_out=found.left_out))
         self.about()
         return found

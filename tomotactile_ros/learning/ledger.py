@@ -49,6 +49,16 @@ class Ledger:
         found[2] = max(time, found[2])
         return False
 
+    @property
+    def touches(self) -> int:
+        """How many were counted, each in a place of its own."""
+        return len(self._touches)
+
+    def which(self, contacts: np.ndarray) -> int:
+        """The number of the touch that a frame of `contacts` (k, 6) was counted for, from 0 on."""
+        found = self._find(contacts)
+        return next(i for i, touch in enumerate(self._touches) if touch is found)
+
     def _number(self, contacts, time):
         found = self._find(contacts)
         return 0.0 if found is None else found[1] * _faded(time - found[2])

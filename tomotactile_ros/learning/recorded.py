@@ -27,7 +27,7 @@ from tomotactile_ros.estimation.search import Search
 from tomotactile_ros.estimation.settling import Settling, rows_before, unsettled
 from tomotactile_ros.frame import Frame, stacked
 from tomotactile_ros.layouts.layout import Layout, check_layout, check_on_sheet
-from tomotactile_ros.learning.kept_out import KeptOut
+from tomotactile_ros.learning.kept_out import LEAST, KeptOut, forgotten
 from tomotactile_ros.learning.learner import (
     DOUBTFUL,
     EXPLAINED,
@@ -58,6 +58,7 @@ _SETTLED = 0.05  # standard deviations that a round moves the sensor: then it is
 _ODD = 3.0  # times the typical misfit: contacts are looked for anew
 _GAINS = 24  # frames that reciprocity is tried on at once
 _HELD = 1e-2  # of the deviations of outline and radius, while the sheet is taken as drawn
+_CUT = ("outline and radius",)  # of `kept_out.GROUPS`, what is held
 _PROBED = 3  # touches: where most leave more than `EXPLAINED`, tears are looked for
 _TOLD = 0.5  # of what these leave beyond noise, what they leave at most with tears that are some
 _LOOKED_AT = 6  # frames that nothing explains, in which swapped wires are looked for
@@ -217,13 +218,14 @@ def _learned(
     if torn(learner, rows[:_PROBED], squares):
         start = replace(start, tears=learner.state.tears)
     known = learner.state
-    fits, courses = _first(learner, rows, watch, course)
+    fits, courses, as_drawn = _first(learner, rows, watch, course)
     kept_out = None
     exchanged = _exchanged(learner, known, fits)
     if exchanged is not None:
         fits, courses = [], []
     if any(_is_good(fit) for fit in fits):
-        fits, kept_out = _together(learner, start, fits, watch)
+        held = as_drawn and learner.ledger.touches < LEAST
+        fits, kept_out = _together(learner, start, fits, watch, held)
     good = sum(_is_good(fit) for fit in fits)
     return replace(
         done,
@@ -423,17 +425,18 @@ def _gains(learner, frames, ends, grounded, chosen, drive, noise) -> None:
 
 def _first(learner, rows, watch, course):
     """`_one_by_one` on the sheet as drawn, or, where that does not explain them, cut and printed as they show
-    it: few touches take unevenness for another outline, from where all together lead elsewhere."""
+    it: few touches take unevenness for another outline, from where all together lead elsewhere. And whether it is
+    as drawn."""
     known = learner.state
     learner.set(known.spread("cut", _HELD))
     fits, courses = _one_by_one(learner, rows, watch, course)
     if np.median([left_over(fit) for fit in fits]) < EXPLAINED:
         learner.set(learner.state.spread("cut", 1 / _HELD))  # nothing was learned of it yet
-        return fits, courses
+        return fits, courses, True
     learner.set(known)
     learner.about()
     learner.ledger = Ledger(learner.operator.pitch)
-    return _one_by_one(learner, rows, watch, course)
+    return *_one_by_one(learner, rows, watch, course), False
 
 
 def _one_by_one(learner, rows, watch, course):
@@ -489,20 +492,26 @@ def torn(learner: Learner, rows: Sequence[Rows], squares: Sequence[np.ndarray]) 
     return False
 
 
-def _together(learner, start, fits, watch):
-    """All frames about the sensor that they have shown together, until it stays; and how well they
-    predict each other."""
+def _together(learner, start, fits, watch, held):
+    """All frames about the sensor that they have shown together, until it stays; and how well touches
+    predict each other. With outline and radius `held` as they were at the `start`: too few touches show a radius
+    that is a tenth off, with resistances that make up for it, where the model of the sheet is 1e-4 of the drive
+    voltage off; and too few it is that could tell."""
+    drawn = start
+    if held:
+        start = start.spread("cut", _HELD)
     single = learner.state, fits, learner.ledger
     for _ in watch(range(_ROUNDS), "all of them together"):
         learner.about()
         before, deviation = learner.state.mean.copy(), learner.state.deviation
         fits, enough = _settled(learner, fits)
-        ledger, parts = Ledger(learner.operator.pitch), []
+        ledger, parts, touches = Ledger(learner.operator.pitch), [], []
         for fit in fits:
             contacts = fit.unknowns.contacts
             if len(contacts) and left_over(fit) < max(DOUBTFUL, enough):
                 parts.append(learner.weighed(fit, ledger))
                 ledger.add(contacts)
+                touches.append(ledger.which(contacts))
         learner.again(start, parts, before)
         learner.ledger = ledger
         if (np.abs(learner.state.mean - before) < _SETTLED * deviation).all():
@@ -511,7 +520,11 @@ def _together(learner, start, fits, watch):
         state, fits, learner.ledger = single
         learner.set(state)
         return fits, None
-    return fits, learner.judged(start, parts, before)
+    kept_out = learner.judged(start, parts, touches, before)
+    if held:
+        told = forgotten(learner.state, drawn, _CUT)
+        learner.set(replace(told, left_out=_CUT))
+    return fits, kept_out
 
 
 def _settled(learner, fits):
