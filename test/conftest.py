@@ -3,6 +3,7 @@
 import os
 import signal
 import sys
+from functools import lru_cache
 from importlib.machinery import PathFinder
 from pathlib import Path
 
@@ -58,6 +59,45 @@ def own_ros_domain():
         return
     with domain_id() as number:
         os.environ["ROS_DOMAIN_ID"] = str(number)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def sheets_are_made_once():
+    """Finite elements and operators of the same even sheet are made once in a test process: that was a
+    quarter of the time of tests without nodes. What simulators solve for their contacts is their own."""
+    import numpy as np
+
+    from tomotactile_ros.estimation import operator
+    from tomotactile_ros.sheet.fem import FemSheet, KeptGreen
+
+    make, kept = FemSheet.__init__, {}
+
+    def made(self, layout, *, h=None, ring=16, shunting=True, mesh=None, lines=(), **uneven):
+        def make_it():
+            more = {"mesh": mesh, "lines": lines, **uneven}
+            make(self, layout, h=h, ring=ring, shunting=shunting, **more)
+
+        if mesh is not None or len(lines) or any(each is not None for each in uneven.values()):
+            return make_it()
+        outline = layout.outline
+        arrays = [each.tobytes() for each in (layout.positions, outline.shell, *outline.holes)]
+        key = (*arrays, outline.kind, outline.radius, layout.radius, layout.sheet_resistance)
+        key = (*key, h, ring, shunting)
+        if key not in kept:
+            make_it()
+            kept[key] = {name: value for name, value in vars(self).items() if name != "_kept"}
+            for value in kept[key].values():
+                if isinstance(value, np.ndarray):
+                    value.setflags(write=False)
+            if len(kept) > 32:
+                del kept[next(iter(kept))]
+        vars(self).update(kept[key], layout=layout)
+        self._kept = KeptGreen(self._solve, self._among, self._mesh_log, len(self.where))
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(FemSheet, "__init__", made)
+        patch.setattr(operator, "made", lru_cache(maxsize=12)(operator.made.__wrapped__))
         yield
 
 
