@@ -38,9 +38,10 @@ view:
 	@$(SETUP) tomotactile view $(if $(LAYOUT),--layout '$(LAYOUT)') $(VIEW_ARGS)
 
 # Where pytest-xdist is installed on all cores, the tests of a file one after the other. There is one process
-# more than cores: tests of nodes wait half of their time.
+# more than cores: tests of nodes wait half of their time. What is compiled of Python is kept: without, each of
+# these processes compiles all tests.
 test:
-	@$(SETUP) sh -c 'python3 -c "import xdist" 2>/dev/null && \
+	@$(SETUP) env -u PYTHONDONTWRITEBYTECODE sh -c 'python3 -c "import xdist" 2>/dev/null && \
 		cores="-n $$(($$(nproc) + 1)) --dist loadfile"; \
 		exec python3 -m pytest $$cores "$$@"' pytest $(PYTEST_ARGS)
 
