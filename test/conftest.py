@@ -49,7 +49,13 @@ settings.register_profile(
 settings.load_profile("slow")
 
 
-LONGEST = ["learning_live", "nodes_chain", "nodes_parameters", "estimation_shape", "estimation_search", "learning_tears", "nodes_time", "examples_library", "learning", "nodes_live", "nodes_optimizer", "reconstruction_pipeline", "reconstruction_faults", "view_page", "estimation_rim", "nodes_serial", "nodes_tare", "nodes_viewer", "bench_trade", "reconstruction_discs", "nodes_touches", "nodes_refusal", "nodes_skin", "estimation_rows", "optimizer_resume", "nodes_devices", "nodes_replay", "nodes_learning", "optimizer_command", "optimizer_free", "estimation_ids", "devices_serial", "nodes_ids", "security_policy"]
+LONGEST = """
+    learning_live nodes_chain nodes_parameters estimation_shape estimation_search learning_tears nodes_time
+    examples_library learning nodes_live nodes_optimizer reconstruction_pipeline reconstruction_faults view_page
+    estimation_rim nodes_serial nodes_tare nodes_viewer bench_trade reconstruction_discs nodes_touches
+    nodes_refusal nodes_skin estimation_rows optimizer_resume nodes_devices nodes_replay nodes_learning
+    optimizer_command optimizer_free estimation_ids devices_serial nodes_ids security_policy
+"""
 
 
 def pytest_configure(config):
@@ -60,7 +66,7 @@ def pytest_configure(config):
 
 def pytest_collection_modifyitems(items):
     """Files that take longest come first: the last ones are short, and no process is left alone with much."""
-    place = {f"test_{name}": number for number, name in enumerate(LONGEST)}
+    place = {f"test_{name}": number for number, name in enumerate(LONGEST.split())}
     items.sort(key=lambda item: place.get(item.path.stem, len(place)))
 
 

@@ -113,13 +113,7 @@ def test_a_device_of_version_1_never_sees_a_byte_of_version_2():
 
 @pytest.mark.parametrize(
     ("versions", "said", "spoken"),
-    [
-        ([1, 2], None, 2),
-        ([2], None, 2),
-        ([1], "\x02v3", 1),
-        ([1], "\x02v2", 1),
-        ([1], "later", 1),
-    ],
+    [([1, 2], None, 2), ([2], None, 2), ([1], "\x02v3", 1), ([1], "\x02v2", 1), ([1], "later", 1)],
     ids=["both", "only 2", "another word", "lies", "junk behind the strings"],
 )
 def test_host_and_device_agree_on_a_version(versions, said, spoken, monkeypatch):

@@ -211,11 +211,7 @@ def test_frames_that_nothing_explains_are_withheld(what):
     assert result.state == "withheld" and result.reason and result.contacts == []
 
 
-@pytest.mark.parametrize(
-    "rows",
-    [[], pytest.param([3]), pytest.param([3, 3, 3]), [3, 9]],
-    ids=str,
-)
+@pytest.mark.parametrize("rows", [[], pytest.param([3]), pytest.param([3, 3, 3]), [3, 9]], ids=str)
 def test_few_rows_are_an_answer_or_a_reason(rows):
     """One row holds 15 readings for a contact's four numbers; none is no exception."""
     rows = np.array(rows, int)

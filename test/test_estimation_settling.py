@@ -14,12 +14,7 @@ from tomotactile_ros.estimation.one_state import reciprocity
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.row_estimator import RowsState
-from tomotactile_ros.estimation.settling import (
-    EXPECTED,
-    Settling,
-    rows_before,
-    unsettled,
-)
+from tomotactile_ros.estimation.settling import EXPECTED, Settling, rows_before, unsettled
 from tomotactile_ros.evaluation.scoring import score
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.reconstruction import Pipeline, Settings
@@ -116,10 +111,7 @@ def test_channels_are_told_one_by_one():
 
 @pytest.mark.parametrize(
     "name, channels",
-    [
-        ("equal-4x4", Channels()),
-        ("equal-8x8", Channels(gain=Rms(0.05, 1), offset=Rms(0.005, 1))),
-    ],
+    [("equal-4x4", Channels()), ("equal-8x8", Channels(gain=Rms(0.05, 1), offset=Rms(0.005, 1)))],
 )
 def test_readings_that_have_settled_tell_of_none(name, channels):
     assert told_by(name, channels) is None

@@ -56,12 +56,7 @@ def test_images_that_show_nothing_are_as_wide_as_the_sheet():
 
 
 @settings(max_examples=30, deadline=None)
-@given(
-    st.floats(-0.08, 0.08),
-    st.floats(-0.08, 0.08),
-    st.floats(0.006, 0.06),
-    st.floats(1e-6, 1e6),
-)
+@given(st.floats(-0.08, 0.08), st.floats(-0.08, 0.08), st.floats(0.006, 0.06), st.floats(1e-6, 1e6))
 def test_mirrored_and_scaled_images_have_the_same_quality(x, y, sigma, scale):
     grid = Grid.for_outline(SQUARE, 24)
     image = gaussian(grid, (x, y), sigma)

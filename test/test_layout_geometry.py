@@ -16,8 +16,7 @@ def test_equal_grid_counts_row_by_row_from_the_lower_left():
     layout = equal_grid(2, 3, (0.4, 0.2), 0.01, 1e4)
     assert layout.name == "equal-2x3"
     np.testing.assert_array_equal(
-        layout.positions,
-        [[-0.2, -0.1], [0, -0.1], [0.2, -0.1], [-0.2, 0.1], [0, 0.1], [0.2, 0.1]],
+        layout.positions, [[-0.2, -0.1], [0, -0.1], [0.2, -0.1], [-0.2, 0.1], [0, 0.1], [0.2, 0.1]]
     )
 
 

@@ -95,11 +95,7 @@ def test_a_region_that_collapses_is_left_alone():
     steps = np.array([-1, -0.02, 0.02, 1]) * 0.1
     x, y = np.meshgrid(np.array([-1, -1 / 3, 1 / 3, 1]) * 0.1, steps)
     layout = Layout(
-        "narrow",
-        Outline.rectangle(0.2, 0.2),
-        1e4,
-        0.0019,
-        np.column_stack([x.ravel(), y.ravel()]),
+        "narrow", Outline.rectangle(0.2, 0.2), 1e4, 0.0019, np.column_stack([x.ravel(), y.ravel()])
     )
     for step in equalize(layout, 4, resolution=20):
         assert is_simple(layout_regions(step.layout))

@@ -13,10 +13,7 @@ from tomotactile_ros.frames_file import save_frames
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.learning.file import save_sensor
 from tomotactile_ros.learning.state import SensorState
-from tomotactile_ros.reconstruction.calibration import (
-    fit_contact_law,
-    load_calibration,
-)
+from tomotactile_ros.reconstruction.calibration import fit_contact_law, load_calibration
 from tomotactile_ros.scenes.channels import Channels, Rms, Uniform
 from tomotactile_ros.scenes.contact import Contact, ContactLaw
 from tomotactile_ros.scenes.defects import Defects

@@ -6,10 +6,7 @@ import pytest
 from tomotactile_ros.layouts.grid import Grid
 from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.reconstruction.contacts_in_image import find_blobs
-from tomotactile_ros.reconstruction.estimate import (
-    Strength,
-    contacts_and_pressure,
-)
+from tomotactile_ros.reconstruction.estimate import Strength, contacts_and_pressure
 from tomotactile_ros.scenes.contact import ContactLaw
 
 GRID = Grid.for_outline(Outline.rectangle(0.2, 0.2), 40)

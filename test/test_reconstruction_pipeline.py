@@ -74,11 +74,7 @@ GROUNDED = np.arange(64)
 
 @pytest.mark.parametrize(
     "profile, distance, force",
-    [
-        ("fast", 0.0055, 0.4),
-        ("balanced", 0.002, 0.25),
-        ("accurate", 0.001, 0.12),
-    ],
+    [("fast", 0.0055, 0.4), ("balanced", 0.002, 0.25), ("accurate", 0.001, 0.12)],
 )
 def test_two_contacts_are_found_with_position_and_force(pipelines, frame, profile, distance, force):
     result = pipelines[profile].process(frame, GROUNDED, DRIVE)
@@ -179,12 +175,7 @@ def test_no_contact_is_taken_for_swapped_wires(small):
 
 @pytest.mark.parametrize(
     "rows",
-    [
-        GROUNDED[::-1],
-        GROUNDED[::2],
-        GROUNDED[1::3],
-        np.array([0, 7, 56, 63, 27, 36, 18, 45]),
-    ],
+    [GROUNDED[::-1], GROUNDED[::2], GROUNDED[1::3], np.array([0, 7, 56, 63, 27, 36, 18, 45])],
     ids=["reversed", "half", "third", "eight"],
 )
 def test_any_subset_of_conditions_in_any_order(pipelines, frame, rows):
@@ -349,11 +340,7 @@ def test_contacts_that_are_discs_have_no_shape(layout):
 SMALL = equal_grid(3, 3, (0.1, 0.1), 0.002, 1e4)  # on which a search takes little time
 SMALL_PIPELINES = [
     Pipeline(SMALL, Settings(profile, resolution=12, regularization=regularization))
-    for profile, regularization in [
-        ("fast", 0.0),
-        ("balanced", 1e30),
-        ("accurate", None),
-    ]
+    for profile, regularization in [("fast", 0.0), ("balanced", 1e30), ("accurate", None)]
 ]
 
 

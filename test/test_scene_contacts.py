@@ -175,11 +175,7 @@ def test_truth_is_what_touches_now():
 
 
 @settings(deadline=None)
-@given(
-    coefficient=st.floats(1e-9, 1e3),
-    exponent=st.floats(0.3, 3),
-    pressure=st.floats(1e-3, 1e8),
-)
+@given(coefficient=st.floats(1e-9, 1e3), exponent=st.floats(0.3, 3), pressure=st.floats(1e-3, 1e8))
 def test_contact_law_and_its_inverse(coefficient, exponent, pressure):
     law = ContactLaw(coefficient, exponent)
     assert law.conductance(pressure) == pytest.approx(coefficient * pressure**exponent)

@@ -12,14 +12,7 @@ from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.reconstruction.settings import DEFAULT_LAW, ContactEstimate, Result
 from tomotactile_ros.scenes.scene import load_scene
 from tomotactile_ros.view import display as display_module
-from tomotactile_ros.view.colours import (
-    OUTSIDE,
-    Overlay,
-    SteadyScale,
-    colour,
-    palette,
-    round_up,
-)
+from tomotactile_ros.view.colours import OUTSIDE, Overlay, SteadyScale, colour, palette, round_up
 from tomotactile_ros.view.contact_lines import contact_lines, numbers_of, pair
 from tomotactile_ros.view.display import Display, Shot
 from tomotactile_ros.view.figure import plot, save_pressure
