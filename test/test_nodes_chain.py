@@ -19,6 +19,7 @@ from visualization_msgs.msg import MarkerArray
 
 from tomotactile_ros.msg import ContactArray, VoltageFrame
 
+SMALL = {"layout": "equal-4x4"}
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
@@ -51,7 +52,7 @@ def test_two_processes_make_images_where_the_scene_presses_and_outlive_each_othe
 
 
 def test_images_and_contacts_are_published_as_asked_for(probe, start, scene):
-    common = {"scene": scene, "layout": "equal-4x4"}
+    common = {"scene": scene, **SMALL}
     for name, wanted in {"contacts": {"image": "none"}, "images": {"contacts": False}}.items():
         start("tactile", common | wanted, namespace=f"/{name}")
     contacts = probe.listen(ContactArray, "/images/contacts")
@@ -82,10 +83,10 @@ def test_contacts_come_within_the_deadline_and_say_so(probe, start, scene):
 
 
 def test_two_sensors_by_namespace_with_names_changed(probe, start, scene):
-    start("tactile", {"scene": scene, "frame_id": "left_skin"}, namespace="/left")
+    start("tactile", {"scene": scene, "frame_id": "left_skin", **SMALL}, namespace="/left")
     start(
         "tactile",
-        {"scene": "idle"},
+        {"scene": "idle", **SMALL},
         namespace="/right",
         remaps={"contacts": "touches", "reconstruction:__node": "imaging"},
     )
@@ -115,8 +116,8 @@ def test_managed_nodes_follow_their_transitions(probe, start, scene):
         assert state(node) == goal
 
     nodes = {
-        "driver": start("driver_lifecycle", {"scene": scene}, warm=False),
-        "reconstruction": start("reconstruction_lifecycle", warm=False),
+        "driver": start("driver_lifecycle", {"scene": scene, "rate": 20.0, **SMALL}, warm=False),
+        "reconstruction": start("reconstruction_lifecycle", SMALL, warm=False),
     }
     for node in nodes:
         assert state(node) == State.PRIMARY_STATE_UNCONFIGURED
@@ -196,7 +197,7 @@ def test_a_managed_node_says_why_a_transition_cannot_be(probe, start):
 
 
 def test_a_managed_node_can_start_by_itself(probe, start, scene):
-    start("tactile_lifecycle", {"scene": scene, "autostart": "true"}, warm=False)
+    start("tactile_lifecycle", {"scene": scene, "autostart": "true", **SMALL}, warm=False)
     ros_checks.check_contact(probe)
     refused = start("driver_lifecycle", {"scene": "no-such-scene", "autostart": "true"})
     assert refused.wait() == 2
