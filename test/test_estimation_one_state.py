@@ -10,7 +10,7 @@ from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.estimator import CONTRADICTS, Estimator, State
 from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.one_state import reciprocity, without_contradicting
-from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.operator import operator_for
 from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.search import Search
 from tomotactile_ros.layouts.layout import load_layout
@@ -36,7 +36,7 @@ BAD = Defects(
 
 @cache
 def operator(name):
-    return SheetOperator(load_layout(name))
+    return operator_for(load_layout(name))
 
 
 def prior(name):

@@ -9,7 +9,7 @@ from tomotactile_ros.core import compiled
 from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.estimator import Estimator
 from tomotactile_ros.estimation.forward import Prediction, Unknowns
-from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.operator import operator_for
 from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.row_estimator import RowEstimator, RowsState
 from tomotactile_ros.estimation.row_model import Known, RowModel
@@ -104,7 +104,7 @@ def test_electrodes_a_millimetre_aside_make_no_contacts(estimator):
 
 
 def test_one_row_knows_electrodes_aside_as_frames_do():
-    operator = SheetOperator(LAYOUT)
+    operator = operator_for(LAYOUT)
     forms = np.array([[*PLACE, -9.5, np.log(0.006), 0.0, 0.0]])
     free = np.array([[True] * 4 + [False] * 2])
     flat = Unknowns.at_rest(operator).with_contacts(forms, (5,), free)

@@ -6,7 +6,7 @@ import pytest
 from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.follow import Follower
 from tomotactile_ros.estimation.forward import Prediction, Unknowns
-from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.operator import operator_for
 from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.row_model import Known, RowModel
 from tomotactile_ros.estimation.touch import Touches
@@ -22,7 +22,7 @@ AXIS = np.array([np.cos(0.7), np.sin(0.7)])
 
 @pytest.fixture(scope="module", params=["equal-8x8", "hex-37"])
 def operator(request):
-    return SheetOperator(load_layout(request.param))
+    return operator_for(load_layout(request.param))
 
 
 def amid(operator):
@@ -87,7 +87,7 @@ def followed(layout, contact, rows, first):
     """Each row's time, from number `first` on, and what a follower believes after it."""
     law, noise = ContactLaw(1e-4, 1.0), Noise(NOISE, 1)
     scene = Scene("rows", DRIVE, [contact], law, noise, Adc(12, DRIVE))
-    operator, count = SheetOperator(layout), layout.electrodes
+    operator, count = operator_for(layout), layout.electrodes
     prior = Prior.unknown(operator, ChannelPrior(), RADIUS, DRIVE)
     follower = Follower(operator, RADIUS, 0.6)
     state = follower.begin(Known.before(prior, (NOISE / DRIVE) ** 2))
@@ -105,7 +105,7 @@ def followed(layout, contact, rows, first):
 def test_a_slide_across_an_electrode_keeps_its_place_and_speed():
     """Taken for one patch at its centre, it was 1 mm off its place and 40 % off its speed."""
     layout, speed, rows = load_layout("equal-8x8"), 0.2, 150
-    middle = amid(SheetOperator(layout))[1] + [0.0, 0.001]
+    middle = amid(operator_for(layout))[1] + [0.0, 0.001]
     slide = Contact(
         "disc",
         center=tuple(middle - 0.5 * rows * ROW_PERIOD * speed * AXIS),

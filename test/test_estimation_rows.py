@@ -13,7 +13,7 @@ from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.estimator import Estimator
 from tomotactile_ros.estimation.follow import Follower
 from tomotactile_ros.estimation.forward import Prediction, Unknowns
-from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.operator import operator_for
 from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.reported import Estimate
 from tomotactile_ros.estimation.row_estimator import RowEstimator, RowsState
@@ -34,7 +34,7 @@ RESTING = Contact("disc", center=(0.05, -0.04), radius=0.008, pressure=15e3)
 
 @pytest.fixture(scope="module")
 def operator():
-    return SheetOperator(LAYOUT)
+    return operator_for(LAYOUT)
 
 
 @pytest.fixture(scope="module")

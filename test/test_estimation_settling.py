@@ -11,7 +11,7 @@ from tomotactile_ros.cli import main
 from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.one_state import reciprocity
-from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.operator import operator_for
 from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.row_estimator import RowsState
 from tomotactile_ros.estimation.settling import EXPECTED, Settling, rows_before, unsettled
@@ -45,7 +45,7 @@ def simulator(name, channels=SLOW, contacts=TWO, order=None, period=0.0, drive=D
 
 @cache
 def operator_of(name):
-    return SheetOperator(load_layout(name))
+    return operator_for(load_layout(name))
 
 
 def told_by(name, channels, *, contacts=TWO, order=None, period=0.0, known=None):

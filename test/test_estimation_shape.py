@@ -15,7 +15,7 @@ from tomotactile_ros.estimation.equations import Contacts
 from tomotactile_ros.estimation.fit import Fit
 from tomotactile_ros.estimation.forward import Unknowns
 from tomotactile_ros.estimation.observation import Rows
-from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.operator import operator_for
 from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.shape import Lattice
 from tomotactile_ros.estimation.touch import CONDUCTANCE
@@ -39,7 +39,7 @@ def pressed(case, family="wide-8x8", wiring=None, step=1):
 
 @pytest.fixture(scope="module")
 def operator():
-    return SheetOperator(load_layout("equal-4x4"))
+    return operator_for(load_layout("equal-4x4"))
 
 
 def cells(operator, count=9):
