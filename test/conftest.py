@@ -118,7 +118,7 @@ def sheets_are_made_once():
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(FemSheet, "__init__", made)
-        patch.setattr(operator, "made", lru_cache(maxsize=12)(operator.made.__wrapped__))
+        patch.setattr(operator, "made", lru_cache(maxsize=6)(operator.made.__wrapped__))
         yield
 
 
