@@ -19,6 +19,7 @@ from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.scenes.contact import Contact
 from tomotactile_ros.sheet.closed_form import ClosedFormSheet
 from tomotactile_ros.sheet.contact_points import contact_points
+from tomotactile_ros.sheet.fem import FemSheet
 from tomotactile_ros.sheet.voltages import frame
 from tomotactile_ros.support.errors import InputError
 
@@ -152,3 +153,11 @@ def test_the_process_still_survives_closed_pipes_and_ctrl_c():
     command = [sys.executable, "-c", AFTERWARDS]
     done = subprocess.run(command, check=False, capture_output=True, text=True)
     assert done.stdout.split() == ["BrokenPipeError", "KeyboardInterrupt"], done
+
+
+@pytest.mark.parametrize("apart", [0.0, 0.003, 0.006, 0.008, 0.0105])
+def test_a_simulated_disc_comes_over_an_electrode_as_a_real_one_does(apart):
+    """Five coarse patches to its width: each feeds the electrode with what of it lies on it, the sheet with the rest."""
+    contact = Contact("disc", center=(0.8 * apart, 0.6 * apart), radius=0.008)
+    coarse = contact_points(FemSheet(GRID, h=0.00125), [(contact.patches(5), 2.0)])
+    assert rms(voltages(GRID, [(contact, 2.0)]) - frame(*coarse, DRIVE)) < 3.5e-3

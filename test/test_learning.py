@@ -395,8 +395,8 @@ def test_dead_channels_are_named_and_left_as_expected():
 
 
 def test_what_too_few_touches_cannot_check_stays_as_drawn():
-    """Frames of one touch are no check of what others have told: each touch is here four times."""
-    found = learn(layout(), np.repeat(frames()[:3], 4, axis=0), np.arange(16), DRIVE, noise=NOISE)
+    """With 2.81 mm for 2.50, resistances that were 135 ohm too large explained three touches as well."""
+    found = learn(layout(), frames()[1:6:2], np.arange(16), DRIVE, noise=NOISE)
     start = SensorState.unknown(found.operator, WIDE)
     assert found.state.touches == 3 and found.kept_out is None
     assert found.state.left_out == ("outline and radius",)

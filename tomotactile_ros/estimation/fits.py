@@ -51,7 +51,9 @@ MISFIT = 3.0
 # cost four times as much and are no truer; a plate of 60 mm at 89 N came out at 103 N with up to
 # 14, at 89 N with 5
 _FEW, _COARSE = 3, 5
-_AT_RIMS = 4  # patches to the width of a disc that the rim of an electrode or of the sheet is near
+# patches to the width of a disc that an electrode or the rim of the sheet is near: with 4 a disc that the sheet's
+# rim nearly cut, beyond the outermost electrodes, was 4 deviations off
+_AT_ELECTRODE, _AT_RIM = 4, 6
 _MEETS = 1.1  # of its radius: how far from a disc's centre the rim of an electrode is that it meets
 _RIM = 2.0  # of its radius: how far from a disc's centre the rim of the sheet is that it is near
 # patches to the width of a contact that moves: with 8 a wide touch that begins was withheld, with
@@ -148,7 +150,7 @@ class Fits:
             return np.empty(0, int)
         depth = self.operator.layout.outline.depth(contacts[:, :2])[0]
         near = depth < _RIM * np.exp(contacts[:, RADIUS])
-        return np.where(near | self.meets_electrode(contacts), _AT_RIMS, 1)
+        return np.where(near, _AT_RIM, np.where(self.meets_electrode(contacts), _AT_ELECTRODE, 1))
 
     def meets_electrode(self, contacts: np.ndarray) -> np.ndarray:
         """(k,) which of contacts (k, 6) cover a part of an electrode, or nearly."""

@@ -32,6 +32,7 @@ from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.scenes.sheet_field import Anisotropy
 from tomotactile_ros.sheet.factor import LevelFactor
 from tomotactile_ros.sheet.green import mutual_radius, softened
+from tomotactile_ros.sheet.image import image_excess
 from tomotactile_ros.sheet.mesh import Mesh, make_mesh
 from tomotactile_ros.sheet.metric import Metric
 from tomotactile_ros.sheet.solved_on_demand import KeptGreen
@@ -188,6 +189,14 @@ class FemSheet:
         excess = self.electrode_excess(points, radius, corners, weights, nearest, local)
         to_points[nearest, np.arange(len(points))] += excess
 
+        images = self._images(points, radius, corners, weights, apart, nearest)
+
+        def place_of(some: np.ndarray, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            """Which of `chosen` are among `some`, and which of these they are."""
+            at = np.searchsorted(some, chosen)
+            here = np.flatnonzero(some[np.minimum(at, len(some) - 1)] == chosen)
+            return here, at[here]
+
         def green(i: np.ndarray, j: np.ndarray) -> np.ndarray:
             """Between points i and j: by finite elements, with the true logarithm."""
             both = i if i is j else np.concatenate([i, j])
@@ -195,6 +204,9 @@ class FemSheet:
             mixing = _weights(number.reshape(-1, 3), weights[both], len(nodes))
             first, second = mixing[: len(i)], mixing[-len(j) :]
             true_log = _log_distance(seen_at[i], seen_at[j], mutual_radius(acts[i], acts[j]))
+            for some, excess in images:
+                row, column = place_of(some, i), place_of(some, j)
+                true_log[np.ix_(row[0], column[0])] -= excess[np.ix_(row[1], column[1])]
             scale = (local[i][:, None] + local[j]) / (4 * np.pi)
             return first @ (self._kept.among(nodes) @ second.T) - scale * true_log
 
@@ -208,11 +220,39 @@ class FemSheet:
         else:
             pairs = _pairs(corners, weights)
             self_terms = self._self_terms(*pairs) + self._self_log(*pairs)
-            self_terms -= np.log(acts) * local / (2 * np.pi)
+            own = np.log(acts)
+            for some, excess in images:
+                own[some] -= np.diagonal(excess)
+            self_terms -= own * local / (2 * np.pi)
             found = green
         between = self.electrode_electrode
         owner = np.where(apart < self.layout.radius, nearest, -1)
         return make_transfer(self.model, points, owner, between, to_points, self_terms, found)
+
+    def _images(
+        self,
+        points: np.ndarray,
+        radius: np.ndarray,
+        corners: np.ndarray,
+        weights: np.ndarray,
+        apart: np.ndarray,
+        nearest: np.ndarray,
+    ) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Of each electrode the points beside it (m,), and their `image_excess` (m, m)."""
+        if not self.shunting:
+            return []
+        beside = (apart >= self.layout.radius) & (apart < self.reach)
+        out = []
+        for electrode in np.unique(nearest[beside]):
+            some = np.flatnonzero(beside & (nearest == electrode))
+            given = points[some], corners[some], weights[some]
+            at, its, parts = (each[None] for each in given)
+            out.append((some, image_excess(self, electrode, at, radius[some], its, parts)[0]))
+        return out
+
+    def seen_at(self, unknowns: np.ndarray) -> np.ndarray:
+        """(..., 2) m, where unknowns (...) are, as the `metric` has it."""
+        return self._seen_at[unknowns]
 
     @property
     def to_electrodes(self) -> np.ndarray:

@@ -13,7 +13,7 @@ import numpy as np
 
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.layouts.outline import Outline
-from tomotactile_ros.sheet.contact_points import SAME, Patches
+from tomotactile_ros.sheet.contact_points import SAME, Patches, beside_electrodes, flow
 from tomotactile_ros.sheet.green import FAR, softened
 from tomotactile_ros.sheet.metric import Metric
 
@@ -50,7 +50,8 @@ class Merged:
     nearest electrode (T, n), -1 where none is near; active (T, n), which points stand for
     themselves and those merged with them; leads (T, n), the point that stands for each, -1 outside,
     and n + the electrode for those that feed one; way (T,), m that the contact which moves most has
-    gone; parts, slices of the points of each contact.
+    gone; parts, slices of the points of each contact, and of those that feed electrodes; rigid, which of
+    these keep their relations to each other in all states.
     """
 
     points: np.ndarray
@@ -62,10 +63,12 @@ class Merged:
     leads: np.ndarray
     way: np.ndarray
     parts: tuple[slice, ...]
+    rigid: tuple[bool, ...]
 
     def states(self, some: slice) -> Merged:
         """The same of some states only."""
-        of_states = (each.name for each in fields(self) if each.name not in ("parts", "radii"))
+        same = "parts", "rigid", "radii"
+        of_states = (each.name for each in fields(self) if each.name not in same)
         return replace(self, **{key: getattr(self, key)[some] for key in of_states})
 
     def take_log(self, out: np.ndarray, metric: Metric, scale: np.ndarray) -> None:
@@ -74,9 +77,9 @@ class Merged:
         That is all that `out` is right in: blocks of contacts above the diagonal, and on it.
         """
         seen, radii = metric.at(self.points), metric.mean * self.radii
-        for i, part in enumerate(self.parts):
+        for i, (part, rigid) in enumerate(zip(self.parts, self.rigid)):
             for other in self.parts[i:]:
-                some = slice(0, 1) if part == other else slice(None)
+                some = slice(0, 1) if part == other and rigid else slice(None)
                 log = _log(seen[some, part], seen[some, other], radii[part], radii[other])
                 log *= 0.5
                 if scale.ndim:
@@ -115,36 +118,59 @@ def merge(layout: Layout, tracks: Sequence[Track], reach: float) -> Merged:
     Patches are left out, feed electrodes and conduct side by side as in `contact_points`. An
     electrode within `reach` (m) of a patch, or of the patch's rim if that is farther, is near it.
     """
-    columns, parts, start = [], [], 0
+    columns, parts, rigid, start = [], [], [], 0
+    onto = np.zeros((len(tracks[0].centers), layout.electrodes))
     for track in tracks:
         offsets, areas, radii = track.patches
         parts.append(slice(start, start + len(radii)))
         start = parts[-1].stop
         points = track.centers[:, None] + offsets
         far = float(np.linalg.norm(offsets, axis=1).max())
-        with np.errstate(invalid="ignore"):  # no area, infinite conductance: no contact
-            flow = np.nan_to_num(areas * track.conductance, nan=0.0, posinf=np.inf)
         inside = _inside(layout.outline, points, track.centers, far)
-        near = max(reach, layout.radius + radii.max())
+        near = max(reach, layout.radius + 2 * max(radii.max(), np.sqrt(areas.max() / np.pi)))
         apart, nearest = _nearest(layout, points, track.centers, far, near)
-        owner = np.where(inside & (apart < layout.radius + radii), nearest, -1)
-        columns.append((points, flow, inside, nearest, owner))
-    points, flow, inside, nearest, owner = (
+        conductance = np.broadcast_to(track.conductance, apart.shape)
+        beside, places = beside_electrodes(
+            layout, points, areas, radii, conductance, apart, nearest
+        )
+        rigid.append(places is points)
+        state, point = np.nonzero(inside & (beside < 1))
+        fed = flow(areas * (1 - beside), conductance)[state, point]
+        np.add.at(onto, (state, nearest[state, point]), fed)
+        of_sheet = np.where(inside, flow(areas * beside, conductance), 0.0)
+        columns.append((points, places, of_sheet, inside & (beside > 0), nearest))
+    points, places, total, beside, nearest = (
         each[0] if len(columns) == 1 else np.concatenate(each, axis=1) for each in zip(*columns)
     )
     radii = np.concatenate([track.patches[2] for track in tracks])
-    first = _leaders(tracks, parts, points, radii, inside, owner)
-    count = first.shape[1]
-    total = np.where(inside, flow, 0.0)
-    state, point = np.nonzero(first != np.arange(count))
+    first = _leaders(tracks, parts, points, radii, beside)
+    state, point = np.nonzero(first != np.arange(start))
     np.add.at(total, (state, first[state, point]), total[state, point])
+    leads = np.where(beside, first, -1)
+    active = beside & (first == np.arange(start))
+    owner = np.full(leads.shape, -1)
+    met = np.flatnonzero(onto.any(axis=0))
+    if len(met):
+        feeds = onto[:, met] > 0
+        parts.append(slice(start, start + len(met)))
+        rigid.append(True)
+        places = _beside(places, np.broadcast_to(layout.positions[met], (len(feeds), len(met), 2)))
+        radii = np.append(radii, np.full(len(met), layout.radius))
+        total, active = _beside(total, onto[:, met]), _beside(active, feeds)
+        owner = _beside(owner, np.where(feeds, met, -1))
+        leads = _beside(leads, np.where(feeds, start + met, -1))
+        nearest = _beside(nearest, np.broadcast_to(met, feeds.shape))
     with np.errstate(divide="ignore", over="ignore"):
         resistance = 1 / total
-    active = inside & (first == np.arange(count)) & np.isfinite(resistance)
-    leads = np.where(owner >= 0, count + owner, np.where(inside, first, -1))
+    active &= np.isfinite(resistance)
     steps = [_distance(track.centers[1:], track.centers[:-1]) for track in tracks]
     way = np.append(0.0, np.cumsum(np.max(steps, axis=0)))
-    return Merged(points, radii, resistance, owner, nearest, active, leads, way, tuple(parts))
+    found = places, radii, resistance, owner, nearest, active, leads, way
+    return Merged(*found, tuple(parts), tuple(rigid))
+
+
+def _beside(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    return np.concatenate([first, second], axis=1)
 
 
 def _inside(outline: Outline, points: np.ndarray, centers: np.ndarray, far: float) -> np.ndarray:
@@ -188,22 +214,14 @@ def _leaders(
     parts: list[slice],
     points: np.ndarray,
     radii: np.ndarray,
-    inside: np.ndarray,
-    owner: np.ndarray,
+    off: np.ndarray,
 ) -> np.ndarray:
-    """(T, n) point that stands for each: the first on its electrode, or the first so close."""
-    states, count = owner.shape
-    first = np.broadcast_to(np.arange(count), owner.shape).copy()
-    state, point = np.nonzero(owner >= 0)
-    electrode = owner[state, point]
-    leader = np.empty((states, electrode.max(initial=0) + 1), int)
-    leader[state[::-1], electrode[::-1]] = point[::-1]  # of several the last, which is the first
-    first[state, point] = leader[state, electrode]
+    """(T, n) point that stands for each: the first so close, of those that are `off` (T, n) electrodes."""
+    first = np.broadcast_to(np.arange(points.shape[1]), off.shape).copy()
     pairs: dict[tuple[int, int], np.ndarray] = {}
     for i, part in enumerate(parts):
         for other, track in zip(parts[i:], tracks[i:]):
             pairs |= _close(points, radii, part, other, tracks[i], track)
-    off = inside & (owner < 0)
     for one, same in sorted(pairs):
         both = off[:, one] & off[:, same] & pairs[one, same]
         first[both, same] = first[both, one]

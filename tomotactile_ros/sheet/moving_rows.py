@@ -25,6 +25,7 @@ from scipy.linalg.lapack import sposv
 
 from tomotactile_ros.sheet.contact_points import contact_points
 from tomotactile_ros.sheet.fem import FemSheet
+from tomotactile_ros.sheet.image import image_excess
 from tomotactile_ros.sheet.merge import Merged, Track, merge
 from tomotactile_ros.sheet.transfer import Sheet
 from tomotactile_ros.sheet.voltages import frame
@@ -255,7 +256,32 @@ def _green(sheet: FemSheet, found: Merged, place: _Place) -> np.ndarray:
         local = (place.local / (4 * np.pi)).astype(np.float32)
         scale = local[:, :, None] + local[:, None, :]
     found.take_log(out, sheet.metric, scale)
+    _add_images(out, sheet, found, place, scale)
     return out
+
+
+def _add_images(
+    out: np.ndarray, sheet: FemSheet, found: Merged, place: _Place, scale: np.ndarray
+) -> None:
+    """Add `scale` (T, n, n) or () times what images in electrodes exceed those of the mesh by."""
+    layout = sheet.layout
+    for electrode in np.unique(found.nearest[found.nearest >= 0]):
+        apart = np.linalg.norm(found.points - layout.positions[electrode], axis=-1)
+        beside = (apart >= layout.radius) & (apart < sheet.reach)
+        beside &= (found.nearest == electrode) & found.active
+        some = np.flatnonzero(beside.any(axis=0))
+        if not len(some):
+            continue
+        corners, weights = (
+            np.moveaxis(each[:, :, some], 0, 2)
+            for each in (place.nodes[place.number], place.weights)
+        )
+        excess = image_excess(
+            sheet, electrode, found.points[:, some], found.radii[some], corners, weights
+        )
+        chosen = np.ix_(np.arange(len(out)), some, some)
+        excess *= scale[chosen] if scale.ndim else scale
+        out[chosen] += excess * (beside[:, some, None] & beside[:, None, some])
 
 
 def _sandwich(sheet: FemSheet, found: Merged, place: _Place) -> np.ndarray:
