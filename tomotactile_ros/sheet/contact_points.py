@@ -16,12 +16,11 @@ SAME = 1.0  # patches closer than this part of the smaller radius become one
 # radii of a half disc from its straight side to its centroid: so far from the rim of an electrode that goes
 # through the middle of a patch is what of this lies beside it
 _HALF = 4 / (3 * np.pi)
-# conductance of a patch in parts of the sheet's, 1 / R, from which on all of it feeds an electrode that it
-# reaches: with that it holds the electrode at the drive voltage, and what lies beside it is held there by both
-_SHORT = 30.0
-_TOUCH = (
-    1e-9  # part of a patch: less is rounding, by which a bare conductor would feed an electrode
-)
+# radii of an electrode in which potentials fall under a contact, 1 / sqrt(g R): where it is less, all of a patch
+# that reaches the electrode feeds it; both hold what lies beside it at the drive voltage
+_SHORT = 0.25
+# part of a patch: less is rounding, by which a bare conductor would feed an electrode
+_TOUCH = 1e-9
 
 
 Patches = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -111,9 +110,8 @@ def beside_electrodes(
         shared = np.where(r > 0, lens / (np.pi * r * r), d < radius)
     shared[shared < _TOUCH], shared[shared > 1 - _TOUCH] = 0, 1
     beside[near] = 1 - shared
-    beside[
-        (flow(areas, conductance) * layout.sheet_resistance > _SHORT) & (apart < radius + radii)
-    ] = 0
+    falls = 1 / np.sqrt(np.maximum(conductance * layout.sheet_resistance, 1e-300))
+    beside[(falls < _SHORT * radius) & (apart < radius + radii)] = 0
     held = np.nonzero(apart < radius + _HALF * own)
     if not len(held[0]):
         return beside, points
