@@ -42,7 +42,7 @@ view:
 # these processes compiles all tests.
 test:
 	@$(SETUP) env -u PYTHONDONTWRITEBYTECODE sh -c 'python3 -c "import xdist" 2>/dev/null && \
-		cores="-n $$(($$(nproc) + 1)) --dist loadfile"; \
+		cores="-n $$(($$(env -u OMP_NUM_THREADS nproc) + 1)) --dist loadfile"; \
 		exec python3 -m pytest $$cores "$$@"' pytest $(PYTEST_ARGS)
 
 check: # style, types, spelling, pages of the interface

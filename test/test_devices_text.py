@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from devices_support import PATIENCE, Watch, plugged
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from tomotactile_ros import InputError
@@ -88,12 +88,15 @@ def test_every_form_becomes_the_same_frames(form):
 
 
 @pytest.mark.parametrize("form", FORMS)
+@example(
+    begin=281, length=159
+)  # a row without its last reading, whose blanks before and behind are two fields
 @given(begin=st.integers(20, 500), length=st.integers(1, 400))
 def test_bytes_that_are_lost_never_make_a_row_another(form, begin, length):
-    """Numbers at the cut may be joined to others, as there is no checksum: of those one at most."""
+    """The number at the cut may be missing, or joined to another, as there is no checksum: one at most."""
     data = stream(form, range(9))
     for frame in found(data[:begin] + data[begin + length :]):
-        assert np.array_equal(np.isnan(frame), OWN)
+        assert np.isnan(frame[OWN]).all()
         places = frame % 100 == readings(0) % 100
         assert np.count_nonzero(~places & ~OWN) <= 1
 

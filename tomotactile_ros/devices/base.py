@@ -57,7 +57,7 @@ class Status:
     message : str
         One line for people: what is wrong and what would be right.
     counters : dict of str to float
-        Totals since ``open``, rates in 1/s, times in s; docs/protocol.md explains each.
+        Totals since ``open``, rates in 1/s, times in s; docs/topics.md explains each.
     dead : tuple of int
         Electrodes that look dead (rule: `tomotactile_ros.devices.health.DeadChannels`).
     troubles : tuple of Trouble

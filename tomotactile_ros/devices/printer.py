@@ -1,5 +1,5 @@
 """The firmware of a simulated first prototype: it prints readings as text, a line a row and an empty
-line behind each frame, from power-up on and whether anybody listens or not (docs/protocol.md, 8)."""
+line behind each frame, from power-up on and whether anybody listens or not (docs/hardware.md)."""
 
 from __future__ import annotations
 

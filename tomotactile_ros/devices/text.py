@@ -54,7 +54,8 @@ class TextRow:
 
     readings: np.ndarray
     grounded: int | None
-    form: tuple[bool, int]  # whether it begins with its number; how many fields it has
+    # whether it begins with its number; how many fields it has; which of them is none: "first", "last", "" or both
+    form: tuple[bool, int, str]
     arrival: float
 
 
@@ -77,14 +78,17 @@ def parse_row(line: str, electrodes: int, arrival: float = 0.0, counts: int = 0)
     parted = re.search(r"[,;\t]", rest)
     fields = [f.strip() for f in re.split(r"[,;\t]", rest)] if parted else rest.split()
     number = int(label[1]) if label else None
-    length = len(fields)
+    length, none = len(fields), ""
     if length == electrodes + 2 and not fields[0] and not fields[-1]:
-        fields = fields[1:-1]  # a separator before and behind every reading
+        fields, none = fields[1:-1], "both"  # a separator before and behind every reading
     elif length == electrodes + 1:
-        if not fields[-1]:  # behind
+        # where both are blank, one may be the electrode's own, or the last of a line that was cut: rows beside tell
+        if not fields[-1] and not (fields[0] == "" and number == electrodes - 1):  # behind
             fields.pop()
+            none = "last"
         elif not fields[0]:  # before
             fields.pop(0)
+            none = "first"
         elif number is None and fields[0].isdecimal():
             number = int(fields.pop(0))
     elif label and fields and not fields[-1] and number != electrodes - 1:
@@ -104,7 +108,7 @@ def parse_row(line: str, electrodes: int, arrival: float = 0.0, counts: int = 0)
             raise ValueError(f"has {odd!r} where a whole number below {counts} should be")
     blank = np.flatnonzero(np.isnan(readings))
     grounded = int(blank[0]) if number is None and blank.size == 1 else number
-    return TextRow(readings, grounded, (number is not None, length), arrival)
+    return TextRow(readings, grounded, (number is not None, length, none), arrival)
 
 
 class TextFrames:
@@ -224,10 +228,10 @@ class TextFrames:
         readings = np.array([row.readings for row in rows])
         first, last = readings[:, 0].copy(), readings[:, -1].copy()
         readings[np.arange(len(rows)), order] = np.nan
-        numbered, fields = rows[0].form
+        numbered, fields, _ = rows[0].form
         objection = ""
         if len({row.form for row in rows}) > 1:
-            objection = "the rows of a frame have different numbers of fields"
+            objection = "the rows of a frame have different numbers of fields, or separators"
         elif not numbered and np.array_equal(first, order):
             objection = "a row has its number, and one reading too few"
         elif not numbered and fields == self._electrodes and np.isnan(last).all():
