@@ -88,9 +88,8 @@ def test_every_form_becomes_the_same_frames(form):
 
 
 @pytest.mark.parametrize("form", FORMS)
-@example(
-    begin=281, length=159
-)  # a row without its last reading, whose blanks before and behind are two fields
+# a row without its last reading, whose blanks before and behind are two fields
+@example(begin=281, length=159)
 @given(begin=st.integers(20, 500), length=st.integers(1, 400))
 def test_bytes_that_are_lost_never_make_a_row_another(form, begin, length):
     """The number at the cut may be missing, or joined to another, as there is no checksum: one at most."""

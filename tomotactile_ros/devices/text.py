@@ -83,7 +83,7 @@ def parse_row(line: str, electrodes: int, arrival: float = 0.0, counts: int = 0)
         fields, none = fields[1:-1], "both"  # a separator before and behind every reading
     elif length == electrodes + 1:
         # where both are blank, one may be the electrode's own, or the last of a line that was cut: rows beside tell
-        if not fields[-1] and not (fields[0] == "" and number == electrodes - 1):  # behind
+        if not fields[-1] and (fields[0] or number != electrodes - 1):  # behind
             fields.pop()
             none = "last"
         elif not fields[0]:  # before

@@ -93,8 +93,8 @@ def beside_electrodes(
 
     Returns
     -------
-    (...,) part of each; (..., 2) m, `points` themselves or moved: where the middle of a patch is on the electrode or at its rim, moved away
-    from that (all of a patch is the electrode's, if that is off the sheet).
+    (...,) part of each; (..., 2) m, `points` themselves, or moved away from the rim of an electrode where the
+    middle of a patch is on it or beyond (all of a patch is the electrode's, if that is off the sheet).
     """
     radius, own = layout.radius, np.sqrt(np.broadcast_to(areas, apart.shape) / np.pi)
     beside = np.ones(apart.shape)

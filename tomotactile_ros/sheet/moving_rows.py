@@ -272,10 +272,10 @@ def _add_images(
         some = np.flatnonzero(beside.any(axis=0))
         if not len(some):
             continue
-        corners, weights = (
-            np.moveaxis(each[:, :, some], 0, 2)
-            for each in (place.nodes[place.number], place.weights)
+        number, weights = (
+            np.moveaxis(each[:, :, some], 0, 2) for each in (place.number, place.weights)
         )
+        corners = place.nodes[number]
         excess = image_excess(
             sheet, electrode, found.points[:, some], found.radii[some], corners, weights
         )
