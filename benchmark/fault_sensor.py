@@ -1,55 +1,24 @@
-"""The sensor of sensor.c as a process, and the judge of what comes out at the other end.
-
-Every reading of that sensor is a hash of sequence, row and electrode; the hash is written down here
-a second time, so that any wrong value in a frame is seen.
-"""
+"""The sensor of sensor.py as a process, and the judge of what comes out at the other end."""
 
 from __future__ import annotations
 
 import contextlib
-import functools
 import re
 import signal
 import subprocess
-import tempfile
+import sys
 import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+from sensor import SCALE, readings
 
 from tomotactile_ros.devices.base import Frame
 
-SOURCE = Path(__file__).with_name("sensor.c")
-SCALE = 3.3 / 4096
+PROGRAM = sys.executable, str(Path(__file__).with_name("sensor.py"))
 WAIT = 10.0
-
-
-def build(folder: str) -> str:
-    """Compile the sensor; return the path of the program."""
-    program = str(Path(folder, "sensor"))
-    command = ["cc", "-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-o", program, str(SOURCE)]
-    subprocess.run([*command, "-lm"], check=True)
-    return program
-
-
-@functools.cache
-def _places(electrodes: int) -> np.ndarray:
-    row, electrode = np.indices((electrodes, electrodes), dtype=np.uint32) + np.uint32(1)
-    return row * np.uint32(0x85EBCA77) ^ electrode * np.uint32(0xC2B2AE3D)
-
-
-def readings(sequence: int, electrodes: int) -> np.ndarray:
-    """Counts (E, E) of a frame, as sensor.c makes them."""
-    h = _places(electrodes) ^ np.uint32(sequence * 0x9E3779B1 & 0xFFFFFFFF)
-    h ^= h >> np.uint32(15)
-    h *= np.uint32(0x2C1B3C6D)
-    h ^= h >> np.uint32(12)
-    h *= np.uint32(0x297A2D39)
-    h ^= h >> np.uint32(15)
-    h %= np.uint32(4000)
-    return h
 
 
 class Sensor:
@@ -57,17 +26,15 @@ class Sensor:
 
     Parameters
     ----------
-    program : str
-        As `build` has made it.
     port : str
         ``pty:LINK`` or ``tcp:PORT``.
     options : of the program, without dashes
     """
 
-    def __init__(self, program: str, port: str, **options) -> None:
+    def __init__(self, port: str, **options) -> None:
         words = [w for name, v in options.items() for w in (f"--{name}", str(v))]
         self.process = subprocess.Popen(
-            [program, "--port", port, *words], stdout=subprocess.PIPE, text=True, bufsize=1
+            [*PROGRAM, "--port", port, *words], stdout=subprocess.PIPE, text=True, bufsize=1
         )
         self.port = self.process.stdout.readline().strip()
         self.starts: list[tuple[int, float, float]] = []  # sequence, s (monotonic), frames/s
@@ -101,9 +68,9 @@ class Sensor:
 
 
 @contextlib.contextmanager
-def sensor(program: str, port: str, **options) -> Iterator[Sensor]:
+def sensor(port: str, **options) -> Iterator[Sensor]:
     """A running sensor, ended at last."""
-    running = Sensor(program, port, **options)
+    running = Sensor(port, **options)
     try:
         yield running
     finally:
@@ -152,10 +119,3 @@ class Judge:
         begin = time.monotonic()
         self.arrived.clear()
         return time.monotonic() - begin if self.arrived.wait(patience) else np.inf
-
-
-@contextlib.contextmanager
-def workshop() -> Iterator[tuple[str, str]]:
-    """A folder that goes away, with the program in it: (folder, program)."""
-    with tempfile.TemporaryDirectory() as folder:
-        yield folder, build(folder)

@@ -1,4 +1,4 @@
-"""Long runs of faults.py: the driver node on the C sensor, which every reading of is compared."""
+"""Long runs of faults.py: the driver node on the sensor of sensor.py, every reading of which is compared."""
 
 from __future__ import annotations
 
@@ -6,12 +6,14 @@ import argparse
 import contextlib
 import os
 import sys
+import tempfile
 import time
 from pathlib import Path
 
 import numpy as np
-from fault_sensor import SCALE, readings, sensor, workshop
+from fault_sensor import sensor
 from nodes import Nodes, arguments
+from sensor import SCALE, readings
 
 from tomotactile_ros.bench.tables import markdown
 from tomotactile_ros.layouts.layout import equal_grid
@@ -49,15 +51,11 @@ def one_soak(side: int, rate: float, options: argparse.Namespace) -> dict[str, s
             wrong += int((np.abs(counts) > 0.1).sum())
 
     with contextlib.ExitStack() as stack:
-        folder, built = stack.enter_context(workshop())
+        folder = stack.enter_context(tempfile.TemporaryDirectory())
         port, layout = f"{folder}/port", Path(folder, "layout.yaml")
         equal_grid(side, side, (0.2, 0.2), 0.0025, 1e4, inset=0.005).save(layout)
-        given = {
-            "electrodes": side**2,
-            "rate": rate,
-            "buffer": BUFFER,
-        }
-        source = stack.enter_context(sensor(built, f"pty:{port}", **given))
+        given = {"electrodes": side**2, "rate": rate, "buffer": BUFFER}
+        source = stack.enter_context(sensor(f"pty:{port}", **given))
         with contextlib.suppress(PermissionError):  # hardware waits for nobody
             os.sched_setscheduler(source.process.pid, os.SCHED_FIFO, os.sched_param(10))
         words = arguments({"layout": layout, "device": "serial", "rate": rate, "port": port})
