@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from tomotactile_ros.bench.trials import DRIVE, NOISE, Recording, Trials
+from tomotactile_ros.bench.trials import DRIVE, Recording, Trials
 from tomotactile_ros.evaluation.metrics import quality
 from tomotactile_ros.evaluation.scoring import REACH, score
 from tomotactile_ros.layouts.grid import Grid
@@ -32,16 +32,12 @@ def measure(pipeline: Pipeline, trials: Trials, conditions: np.ndarray) -> dict:
     two_contacts          smallest distance from which on 80 % of the pairs are told apart, None if
                           none
     force_error           |found - true| / true of one contact and of two, missed ones count as 1
-    noise_gain            noise of a pixel per noise of a reading, V per V, root mean square
-    regularization        median of what was chosen
     """
     singles = process(pipeline, trials.singles, conditions)
     pairs = process(pipeline, trials.pairs, conditions)
     worn = process(pipeline, trials.worn, conditions)
     worn_pairs = process(pipeline, trials.worn_pairs, conditions)
-    repeats = process(pipeline, trials.repeats, conditions)
     resolved = told_apart(pairs, trials.pairs.positions)
-    noise = np.std([result.potential for result in repeats], axis=0, ddof=1)
     disturbed = merit(images(pipeline, worn), trials.worn, pipeline.grid)
     scores = {
         "textbook": {"one": _score(singles, trials.singles), "two": _score(pairs, trials.pairs)},
@@ -60,8 +56,6 @@ def measure(pipeline: Pipeline, trials: Trials, conditions: np.ndarray) -> dict:
         },
         "scores": scores,
         "ospa": {sensor: ospa(each.values()) for sensor, each in scores.items()},
-        "noise_gain": float(np.sqrt(np.nanmean(noise**2)) / NOISE),
-        "regularization": float(np.median([result.regularization for result in singles])),
     }
 
 

@@ -1,11 +1,11 @@
-"""The stability table: errors of voltages, places and forces, or the refusal, where one property of an
-ordinary set-up is extreme.
+"""The stability table: errors of places and forces, or the refusal, where one property of an ordinary set-up
+is extreme.
 
 Ordinary are 8 x 8 electrodes on 200 mm x 200 mm, one contact of 5 mm radius, 1 mV of noise, 12
-bits, 20 x 20 pixels. Voltages, V per V of drive, are compared with those of another sheet model;
-places, in parts of the longer side, with the true ones: the mean distance of a true contact from
-the nearest that is reported; forces are the sum over all that are reported, with that on the sheet.
-The place of a contact that the rim cuts is the centre of what lies on the sheet.
+bits, 20 x 20 pixels. Places, in parts of the longer side, are compared with the true ones: the mean
+distance of a true contact from the nearest that is reported; forces are the sum over all that are
+reported, with that on the sheet. The place of a contact that the rim cuts is the centre of what lies on
+the sheet.
 
 What is reported has deviations of its own; `place_off` and `force_off` are the errors in units of
 them. Beyond `BEYOND` of either (a few in a thousand where the deviations are right) a value looks
@@ -22,111 +22,38 @@ from typing import Any
 
 import numpy as np
 
+from tomotactile_ros.bench.cases import PROFILES
 from tomotactile_ros.bench.trials import DRIVE, LAW, NOISE, PRESSURE
 from tomotactile_ros.layouts.layout import Layout, equal_grid
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.scenes.contact import Contact, ContactLaw
 from tomotactile_ros.scenes.defects import Adc, Defects, Noise
 from tomotactile_ros.scenes.scene import Scene
-from tomotactile_ros.sheet import make_sheet
-from tomotactile_ros.sheet.contact_points import contact_points
-from tomotactile_ros.sheet.voltages import frame
 from tomotactile_ros.simulation import Simulator
 from tomotactile_ros.support.errors import Doubt, InputError
 
 PLACE = np.array([0.13, -0.21])  # of the contact, in parts of the sides
 CELLS = 20
-PROFILES = ("fast", "balanced", "accurate")
 BEYOND = 3.5  # stated deviations; 0.2 % of right places (two dimensions), 0.05 % of right forces
 MOST = 1000.0  # deviations that are told apart; also where a covariance claims no area
 _RADIUS = 0.005  # of a contact, m
-_CORNER = np.array([0.38, -0.36])  # the same, near one of 2 x 2 electrodes
-VOLTAGE = "voltage / drive"
-CONTACTS = "contacts"  # place / side and force, of every profile
-_RESISTANCES = tuple(10.0**n for n in range(-3, 10, 2))
-_CONDUCTANCES = (0.0, 1e-12, 1e-6, 1e-3, 1.0, 1e3, 1e9, 1e30, np.inf)
-_LAMBDAS = (0.0, 1e-30, 1e-12, 1e-6, 1e-3, 1.0, 1e3, 1e12, 1e30)
-_NOISES = (0, 1e-5, 1e-4, 1e-3, 1e-2, 0.1, 1.0)
-_UNSAID = (1e-5, 3e-3, 1e-2, 3e-2, 0.1)
-_BITS = (1, 2, 4, 8, 12, 16, 24)
-_DEAD = (0, 1, 4, 16, 32, 48, 60, 62, 63)
-_ELECTRODES = (1, 4, 6, 9, 16, 64, 2500)
-_RADII = (1e-4, 1e-3, 0.005, 0.02, 0.05, 1.0)
-_INSIDE = (2.0, 1.0, 0.5, 0.0, -0.5)
 
 
 @dataclass(frozen=True)
 class Trial:
-    """An extreme: `error(value)` is the error of what `measure` says, for each of `values`.
-
-    Of `CONTACTS` it is a list with profile, place, force, ghosts, refusal, None where one has none.
-    """
+    """An extreme: `found(value)` is what each profile makes of it (`_row`), for each of `values`."""
 
     what: str
-    measure: str
     values: tuple
-    error: Callable[[Any], float | list[dict]]
-
-
-def trials() -> tuple[Trial, ...]:
-    """All extremes."""
-    return (
-        Trial("sheet resistance, ohm/sq", VOLTAGE, _RESISTANCES, voltage_by_resistance),
-        Trial(
-            "sheet resistance, ohm/sq",
-            CONTACTS,
-            _RESISTANCES,
-            lambda each: _contacts(grid(resistance=each)),
-        ),
-        Trial(
-            "contact conductance, S/m2",
-            VOLTAGE,
-            _CONDUCTANCES,
-            lambda each: _models_apart(grid(), each),
-        ),
-        Trial("contact conductance, S/m2", CONTACTS, _CONDUCTANCES, contacts_by_conductance),
-        Trial("lambda^2, eq. 1", CONTACTS, _LAMBDAS, lambda each: _contacts(grid(), level=each)),
-        Trial("noise, V", CONTACTS, _NOISES, lambda each: _contacts(grid(), noise=each)),
-        Trial(
-            "noise, V; 1 mV said",
-            CONTACTS,
-            _UNSAID,
-            lambda each: _contacts(grid(), noise=each, said=NOISE),
-        ),
-        Trial("converter, bits", CONTACTS, _BITS, lambda each: _contacts(grid(), bits=each)),
-        Trial("dead channels of 64", CONTACTS, _DEAD, contacts_by_dead),
-        Trial(
-            "side, m",
-            CONTACTS,
-            (1e-3, 0.02, 0.2, 1.0, 10.0),
-            lambda each: _contacts(grid(side=each)),
-        ),
-        Trial(
-            "aspect ratio",
-            VOLTAGE,
-            (1, 3, 10, 30, 100),
-            lambda each: _models_apart(grid(size=(0.2, 0.2 / each))),
-        ),
-        Trial("electrodes", CONTACTS, _ELECTRODES, contacts_by_electrodes),
-        Trial(
-            "radius of the contact, m",
-            CONTACTS,
-            _RADII,
-            lambda each: _contacts(grid(), radius=each),
-        ),
-        Trial("centre inside the rim, radii", CONTACTS, _INSIDE, contacts_by_rim),
-        Trial("contacts", CONTACTS, (1, 16, 49, 200), contacts_by_number),
-        Trial("gap of electrodes, radii", VOLTAGE, (0, 1e-6, 0.01, 1), voltage_by_gap),
-        Trial("electrodes from rim, radii", VOLTAGE, (0, 0.02, 0.5, 1), voltage_by_rim),
-    )
+    found: Callable[[Any], list[dict]]
 
 
 def run(step: int = 1, tick: Callable[[float], None] = lambda fraction: None) -> Iterator[dict]:
-    """Rows: what, value, measure, error (None where refused), refusal, warnings; see `Trial`.
+    """Rows: what, value, profiles (None where refused), refusal, warnings; see `Trial`.
 
     Every `step`-th value of each extreme, and the last; `tick` is told which fraction is done.
     """
-    todo = [(trial, value) for trial in trials() for value in values(trial, step)]
+    todo = [(trial, value) for trial in TRIALS for value in values(trial, step)]
     for number, each in enumerate(todo, 1):
         yield row(*each)
         tick(number / len(todo))
@@ -139,97 +66,47 @@ def values(trial: Trial, step: int) -> tuple:
 
 def row(trial: Trial, value: float) -> dict:
     """What comes out at one value."""
-    error, refusal = None, None
+    profiles, refusal = None, None
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
-            error = trial.error(value)
-            error = error if trial.measure == CONTACTS else _finite(error)
+            profiles = trial.found(value)
         except InputError as refused:
             refusal = str(refused)
     return {
         "what": trial.what,
-        "value": _finite(value),
-        "measure": trial.measure,
-        "error": error,
+        "value": float(value) if np.isfinite(value) else str(value),  # JSON knows no other
+        "profiles": profiles,
         "refusal": refusal,
         "warnings": sorted({str(w.message) for w in caught if not issubclass(w.category, Doubt)}),
     }
 
 
-def _finite(number):
-    """The number, as text where JSON knows none."""
-    return float(number) if np.isfinite(number) else str(number)
-
-
-def grid(side=0.2, count=8, resistance=1e4, size=None) -> Layout:
+def grid(side: float = 0.2, resistance: float = 1e4) -> Layout:
     """An ordinary layout but for what is said."""
-    size = size or (side, side)
-    return equal_grid(count, count, size, 0.1 * min(size) / count, resistance)
+    return equal_grid(8, 8, (side, side), 0.1 * side / 8, resistance)
 
 
-def voltages(layout: Layout, conductance: float, model: str, place=PLACE) -> np.ndarray:
-    """(E, E) of a contact of 1/40 of the shorter side, V per V of drive."""
-    size = np.array(layout.outline.size)
-    contact = Contact("disc", center=place * size, radius=size.min() / 40)
-    sheet = make_sheet(layout, model, h=max(size.min() / 40, size.max() / 400))
-    return frame(*contact_points(sheet, [(contact.patches(), conductance)]), 1.0)
-
-
-def voltage_by_resistance(resistance: float) -> float:
-    """Bare contacts: the sheet resistance changes no voltage."""
-    layouts = grid(resistance=resistance), grid()
-    return _apart(*(voltages(layout, np.inf, "closed_form") for layout in layouts))
-
-
-def voltage_by_gap(gap: float) -> float:
-    """2 x 2 electrodes with a gap of so many radii between them."""
-    radius = 0.075 / (2 + gap)
-    return _models_apart(equal_grid(2, 2, (0.2, 0.2), radius, 1e4, inset=0.0625), place=_CORNER)
-
-
-def voltage_by_rim(distance: float) -> float:
-    """2 x 2 electrodes whose centres are so many radii from the rim."""
-    radius = 0.005
-    return _models_apart(
-        equal_grid(2, 2, (0.2, 0.2), radius, 1e4, inset=distance * radius), place=_CORNER
-    )
-
-
-def _models_apart(layout, conductance=np.inf, place=PLACE):
-    """Largest difference of closed form and finite elements."""
-    return _apart(
-        *(voltages(layout, conductance, model, place) for model in ("closed_form", "fem"))
-    )
-
-
-def _apart(one, other):
-    """Largest difference of two frames; infinite where one has readings that the other lacks."""
-    if (np.isfinite(one) != np.isfinite(other)).any():
-        return np.inf
-    return float(np.nanmax(np.abs(one - other)))
-
-
-def contacts_by_conductance(conductance: float) -> list[dict]:
+def by_conductance(conductance: float) -> list[dict]:
     if conductance == 0:
         return _contacts(grid(), pressure=0.0)
     bare = conductance == np.inf
     return _contacts(grid(), law=None if bare else ContactLaw(conductance / PRESSURE, 1.0))
 
 
-def contacts_by_dead(number: int) -> list[dict]:
+def by_dead(number: int) -> list[dict]:
     order = np.random.default_rng(5).permutation(64)
     return _contacts(grid(), dead=sorted(order[:number].tolist()))
 
 
-def contacts_by_electrodes(number: int) -> list[dict]:
+def by_electrodes(number: int) -> list[dict]:
     rows = math.isqrt(number)
     cols = number // rows
     size = (0.2 * cols / max(rows, cols), 0.2 * rows / max(rows, cols))
     return _contacts(equal_grid(rows, cols, size, 0.02 / max(rows, cols), 1e4))
 
 
-def contacts_by_rim(inside: float) -> list[dict]:
+def by_rim(inside: float) -> list[dict]:
     """A contact whose centre is so many of its radii inside the rim."""
     cut = min(inside, 1.0)  # where the rim is, in radii from the centre
     half_chord = math.sqrt(1 - cut**2)
@@ -240,7 +117,7 @@ def contacts_by_rim(inside: float) -> list[dict]:
     return _contacts(grid(), places=places, part=part, true=true)
 
 
-def contacts_by_number(number: int) -> list[dict]:
+def by_number(number: int) -> list[dict]:
     """Contacts evenly spread, a square of them."""
     side = math.ceil(math.sqrt(number))
     steps = 0.17 * ((np.arange(side) + 0.5) / side - 0.5)
@@ -336,3 +213,43 @@ def _force_off(error, contacts):
     if math.isnan(deviation):
         return None
     return float(min(abs(error) / deviation, MOST)) if deviation > 0 else MOST
+
+
+TRIALS = (
+    Trial(
+        "sheet resistance, ohm/sq",
+        tuple(10.0**n for n in range(-3, 10, 2)),
+        lambda each: _contacts(grid(resistance=each)),
+    ),
+    Trial(
+        "contact conductance, S/m2",
+        (0.0, 1e-12, 1e-6, 1e-3, 1.0, 1e3, 1e9, 1e30, np.inf),
+        by_conductance,
+    ),
+    Trial(
+        "lambda^2, eq. 1",
+        (0.0, 1e-30, 1e-12, 1e-6, 1e-3, 1.0, 1e3, 1e12, 1e30),
+        lambda each: _contacts(grid(), level=each),
+    ),
+    Trial(
+        "noise, V",
+        (0, 1e-5, 1e-4, 1e-3, 1e-2, 0.1, 1.0),
+        lambda each: _contacts(grid(), noise=each),
+    ),
+    Trial(
+        "noise, V; 1 mV said",
+        (1e-5, 3e-3, 1e-2, 3e-2, 0.1),
+        lambda each: _contacts(grid(), noise=each, said=NOISE),
+    ),
+    Trial("converter, bits", (1, 2, 4, 8, 12, 16, 24), lambda each: _contacts(grid(), bits=each)),
+    Trial("dead channels of 64", (0, 1, 4, 16, 32, 48, 60, 62, 63), by_dead),
+    Trial("side, m", (1e-3, 0.02, 0.2, 1.0, 10.0), lambda each: _contacts(grid(side=each))),
+    Trial("electrodes", (1, 4, 6, 9, 16, 64, 2500), by_electrodes),
+    Trial(
+        "radius of the contact, m",
+        (1e-4, 1e-3, 0.005, 0.02, 0.05, 1.0),
+        lambda each: _contacts(grid(), radius=each),
+    ),
+    Trial("centre inside the rim, radii", (2.0, 1.0, 0.5, 0.0, -0.5), by_rim),
+    Trial("contacts", (1, 16, 49, 200), by_number),
+)

@@ -8,8 +8,7 @@ one, without the readings of its broken electrode.
 
 Times are those of eight sensors, each method at a stretch with the caches to itself. One dense
 matrix alone fits into the last cache or not, which changes from minute to minute where others share
-it; eight do not. "caches emptied": the two methods pass by pass, so that neither finds its matrices
-there, as on a machine that does other work between two frames.
+it; eight do not.
 """
 
 from __future__ import annotations
@@ -25,8 +24,6 @@ from tomotactile_ros.bench.trials import DRIVE, NOISE, Trials
 from tomotactile_ros.reconstruction import Pipeline
 from tomotactile_ros.reconstruction.comparison import Greit
 from tomotactile_ros.reconstruction.model import Model
-from tomotactile_ros.sheet import make_sheet
-from tomotactile_ros.sheet.fem import FemSheet
 
 _CELLS = 40
 _MERIT = "hwhm", "position_error", "blur"
@@ -40,8 +37,6 @@ def compare(trials: Trials) -> dict:
 
     problem : figures of each
     ratios : of times in turn
-    forward : times of the untouched sheet, solved for all electrodes by both models here and by
-        scikit-fem
     """
     layout, frame = trials.layout, trials.singles.frames[0]
     pipelines, setups = _pipelines(layout)
@@ -73,10 +68,9 @@ def compare(trials: Trials) -> dict:
         for other in ("fast", "fast, image alone")
         if one in times
     }
-    ratios["dense / fast, image alone, caches emptied"] = _with_empty_caches(calls)
     if "setup" in found["pyeit"]:
         ratios["pyeit / fast, set-up"] = {"ratio": found["pyeit"]["setup"] / min(setups)}
-    return {"problem": found, "ratios": ratios, "forward": _forward(layout)}
+    return {"problem": found, "ratios": ratios}
 
 
 def _pipelines(layout):
@@ -95,12 +89,6 @@ def _calls(pipelines, frame):
         "fast, image alone": [_image_alone(layout, grid, frame) for _ in pipelines],
         "dense": _products(frame, len(grid.pixels)),
     }
-
-
-def _with_empty_caches(calls):
-    """The ratio of both methods that do the same, one pass of each in turn."""
-    both = {name: calls[name] for name in ("dense", "fast, image alone")}
-    return timing.ratio(*timing.in_turn(both, least=20, seconds=_SECONDS / 4).values())
 
 
 def _products(frame, pixels):
@@ -138,18 +126,3 @@ def _best(peer, levels, trials, grid):
         for sensor in accuracy.SENSORS
     }
     return best | {"ospa": {sensor: accuracy.ospa(each) for sensor, each in scores.items()}}
-
-
-def _forward(layout):
-    calls = {
-        "fem": lambda: FemSheet(layout, h=max(layout.outline.size) / _CELLS),
-        "closed_form": lambda: make_sheet(layout),
-    }
-    solve = libraries.scikit_fem_solver(layout, _CELLS)
-    if solve is not None:
-        calls["scikit-fem"] = solve
-    times = timing.in_turn(
-        {name: [call] for name, call in calls.items()}, least=5, seconds=0.0, turn=0.02
-    )
-    out = {name: timing.summary(each) for name, each in times.items()}
-    return out if solve is not None else out | {"scikit-fem": _skip("scikit-fem")}

@@ -9,13 +9,6 @@ from tomotactile_ros.bench.cases import is_default
 from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.support.files import write_atomic
 
-_HEADER = (
-    "profile", "set-up", "memory", "frame: median, p99", "OSPA", "worn sensor: frame", "OSPA",
-    "one contact: error, p95; ghosts, missed", "worn sensor: error; ghosts, missed",
-    "two contacts from", "force error, one and two", "image: HWHM, PE",
-)  # fmt: skip
-
-
 _BEGIN, _END = "<!-- bench:profiles -->", "<!-- /bench:profiles -->"
 
 
@@ -44,7 +37,10 @@ def profile_table(result: dict) -> list[str]:
     rows = [row for row in result["trade"] if is_default(row)]
     machine = result["machine"]
     return [
-        *tables.markdown(_HEADER, map(_cells, rows)),
+        *tables.markdown(
+            ("profile", *tables.TRADE),
+            [(f"`{row['profile']}`", *tables.trade_cells(row)) for row in rows],
+        ),
         "",
         "8 × 8 electrodes on 200 mm × 200 mm, 40 × 40 pixels, contacts of 5 mm radius, "
         + "1 mV of noise, 12 bits; the worn sensor is that of the scene `worn-sensor`; OSPA: places, "
@@ -52,25 +48,3 @@ def profile_table(result: dict) -> list[str]:
         + f"Python {machine['python']}, "
         + f"numpy {machine['libraries']['numpy']}, {machine['date']}.",
     ]
-
-
-def _cells(row):
-    error, force, scores = row["contact_error"], row["force_error"], row["scores"]
-    trade = []
-    for sensor, frame in row["frame"].items():
-        median, p99 = (tables.milliseconds(frame[key]) for key in ("median", "p99"))
-        trade += [f"{median} ms, {p99} ms", f"{tables.hundredths(row['ospa'][sensor])} mm"]
-    return (
-        f"`{row['profile']}`",
-        f"{row['setup']['median']:.2f} s",
-        f"{tables.megabytes(row['memory']['held'])} MB",
-        *trade,
-        f"{tables.millimetres(error['mean'])} mm, {tables.millimetres(error['p95'])} mm; "
-        + ", ".join(tables.false_ones(scores["textbook"]["one"])),
-        f"{tables.millimetres(row['worn']['contact_error']['mean'])} mm; "
-        + ", ".join(tables.false_ones(scores["worn"]["one"])),
-        "-" if row["two_contacts"] is None else f"{tables.millimetres(row['two_contacts'])} mm",
-        f"{tables.percent(force['one']['mean'])} %, {tables.percent(force['two']['mean'])} %",
-        f"{tables.millimetres(row['hwhm']['mean'])} mm, "
-        + f"{tables.millimetres(row['position_error']['mean'])} mm",
-    )

@@ -8,9 +8,10 @@ from math import inf
 
 from tomotactile_ros.bench import tables
 from tomotactile_ros.bench.accuracy import SENSORS
+from tomotactile_ros.bench.cases import PROFILES
 from tomotactile_ros.bench.deadlines import SENSORS as SENSORS_IN_TIME
 from tomotactile_ros.bench.deadlines import is_better_with_time
-from tomotactile_ros.bench.extremes import BEYOND, CONTACTS, PROFILES
+from tomotactile_ros.bench.extremes import BEYOND
 from tomotactile_ros.bench.growth import exponents
 from tomotactile_ros.bench.sensor import tables as sensor
 
@@ -27,7 +28,13 @@ def lines(result: dict, width: float = inf) -> Iterator[str]:
     yield f"threads: {', '.join(threads)}; {seconds:.0f} s, {result['peak_memory'] / 1e6:.0f} MB"
     yield ""
     yield "Speed and accuracy"
-    yield from tables.text(tables.TRADE, map(tables.trade_row, result["trade"]), width, fixed=4)
+    choice = "layout", "profile", "resolution", "conditions"
+    rows = [
+        (*(str(row[key] or "all") for key in choice), *tables.trade_cells(row))
+        for row in result["trade"]
+    ]
+    header = ("layout", "profile", "pixels", "grounds", *tables.TRADE)
+    yield from tables.text(header, rows, width, fixed=4)
     yield tables.LEGEND
     yield ""
     yield "What time buys: frames that follow one another, profile auto"
@@ -56,21 +63,13 @@ def lines(result: dict, width: float = inf) -> Iterator[str]:
 
 
 def stability_lines(rows: list[dict], width: float = inf) -> Iterator[str]:
-    """Both tables of the extremes: single errors; places and forces of every profile."""
-    single = [row for row in rows if row["measure"] != CONTACTS]
-    header: tables.Row = ("what", "value", "error of", "error, refusal")
-    yield from tables.text(header, map(_extreme, single))
-    several = [row for row in rows if row["measure"] == CONTACTS]
-    if not several:
-        return
-    yield ""
+    """What every profile makes of the extremes."""
     yield "place in parts of the longer side, force in parts of the true one; [n]: refused, see below"
     refusals: dict[str, int] = {}
-    header = ("what", "value", *PROFILES)
-    lines = [_of_profiles(row, refusals) for row in several]
-    yield from tables.text(header, lines, width, 2)
+    lines = [_of_profiles(row, refusals) for row in rows]
+    yield from tables.text(("what", "value", *PROFILES), lines, width, 2)
     yield from (f"[{number}] {text}" for text, number in refusals.items())
-    yield _beyond(several)
+    yield _beyond(rows)
 
 
 def _deadline(row):
@@ -109,11 +108,6 @@ def _peers(peers):
             quartiles = "{low:.3g}, {median:.3g} and {high:.3g}".format(**found)
             text += f" (quartiles of {found['rounds']} single rounds: {quartiles})"
         yield text
-    forward = (
-        f"{name}: {found.get('skipped') or tables.milliseconds(found['median']) + ' ms'}"
-        for name, found in peers["forward"].items()
-    )
-    yield f"the sheet for all electrodes: {', '.join(forward)}"
 
 
 def _peer(name, found):
@@ -153,16 +147,10 @@ def _cost(point):
     )
 
 
-def _extreme(row):
-    text = row["refusal"] or f"{float(row['error']):.1e}"
-    remarks = "; ".join([text, *(f"warning: {each}" for each in row["warnings"])])
-    return row["what"], f"{float(row['value']):g}", row["measure"], remarks
-
-
 def _of_profiles(row, refusals):
     """Place and force of each profile at one value; `refusals` numbers the reasons where there are
     none."""
-    found = row["error"] or [{"refusal": row["refusal"]}] * len(PROFILES)
+    found = row["profiles"] or [{"refusal": row["refusal"]}] * len(PROFILES)
     cells = []
     for each in found:
         if each["refusal"]:
@@ -180,7 +168,7 @@ def _of_profiles(row, refusals):
 
 def _beyond(rows):
     """What the mark means, and how much of what could be marked has it."""
-    cells = [each for row in rows for each in row["error"] or [] if not each["refusal"]]
+    cells = [each for row in rows for each in row["profiles"] or [] if not each["refusal"]]
     stated = [each for each in cells if each.get("place_off") is not None]
     marked = [each for each in stated if _mark(each["place_off"]) or _mark(each["force_off"])]
     return (

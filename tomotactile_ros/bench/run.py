@@ -18,7 +18,7 @@ from tomotactile_ros.bench.trade import EFFORT
 from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.support.progress import Progress
 
-FORMAT = "tomotactile-bench/8"
+FORMAT = "tomotactile-bench/9"
 Tick = Callable[[float], None]
 SENSOR = tuple(name for name in PARTS if name not in ON_DEMAND)
 _EIGHTH, _THIRD = 8, 3  # of the presses of the sensor's parts, of the values of each extreme

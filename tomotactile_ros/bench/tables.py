@@ -60,62 +60,39 @@ def percent(part: float | None) -> str:
 
 
 TRADE = (
-    "layout", "profile", "pixels", "grounds", "contacts", "set-up s", "MB",
-    "textbook: frame ms", "p99 ms", "OSPA mm", "worn: frame ms", "p99 ms", "OSPA mm",
-    "contact mm", "p95", "ghosts", "missed", "two: from mm", "ghosts", "missed",
-    "worn: contact mm", "ghosts", "missed", "two: ghosts", "missed", "force %", "two %",
-    "HWHM mm", "PE mm", "p95", "blur mm", "noise", "lambda",
+    "set-up", "memory", "frame: median, p99", "OSPA", "worn sensor: frame", "OSPA",
+    "one contact: error, p95; ghosts, missed", "worn sensor: error; ghosts, missed",
+    "two contacts from", "force error, one and two", "image: HWHM, PE",
 )  # fmt: skip
+LEGEND = """\
+frame: from voltages to contacts. OSPA: places, ghosts and missed contacts in one figure, mean of all
+frames, cut-off 10 mm; a frame that is withheld counts as one without contacts. error: of the reported
+place; two contacts from: smallest distance from which on 80 % of the pairs are told apart; force error:
+of these pairs; HWHM, PE: of the image of one contact."""
 
 
-def trade_row(row: dict) -> Row:
-    """Cells of one row of `trade.measure`, in the order of TRADE."""
-    force, scores = row["force_error"], row["scores"]
+def trade_cells(row: dict) -> Row:
+    """Of one row of `trade.measure`, in the order of TRADE."""
+    error, force, scores = row["contact_error"], row["force_error"], row["scores"]
     trade = []
     for sensor, frame in row["frame"].items():
-        trade += [milliseconds(frame["median"]), milliseconds(frame["p99"])]
-        trade.append(hundredths(row["ospa"][sensor]))
+        median, p99 = (milliseconds(frame[key]) for key in ("median", "p99"))
+        trade += [f"{median} ms, {p99} ms", f"{hundredths(row['ospa'][sensor])} mm"]
     return (
-        row["layout"],
-        row["profile"],
-        f"{row['resolution']}²",
-        str(row["conditions"] or "all"),
-        "{} + {}".format(*row["contacts"]),
-        f"{row['setup']['median']:.2f}",
-        megabytes(row["memory"]["held"]),
+        f"{row['setup']['median']:.2f} s",
+        f"{megabytes(row['memory']['held'])} MB",
         *trade,
-        millimetres(row["contact_error"]["mean"]),
-        millimetres(row["contact_error"]["p95"]),
-        *false_ones(scores["textbook"]["one"]),
-        millimetres(row["two_contacts"]),
-        *false_ones(scores["textbook"]["two"]),
-        millimetres(row["worn"]["contact_error"]["mean"]),
-        *false_ones(scores["worn"]["one"]),
-        *false_ones(scores["worn"]["two"]),
-        percent(force["one"]["mean"]),
-        percent(force["two"]["mean"]),
-        millimetres(row["hwhm"]["mean"]),
-        millimetres(row["position_error"]["mean"]),
-        millimetres(row["position_error"]["p95"]),
-        millimetres(row["blur"]["mean"]),
-        f"{row['noise_gain']:.2g}",
-        f"{row['regularization'] ** 0.5:.2g}",
+        f"{millimetres(error['mean'])} mm, {millimetres(error['p95'])} mm; "
+        + _false_ones(scores["textbook"]["one"]),
+        f"{millimetres(row['worn']['contact_error']['mean'])} mm; "
+        + _false_ones(scores["worn"]["one"]),
+        "-" if row["two_contacts"] is None else f"{millimetres(row['two_contacts'])} mm",
+        f"{percent(force['one']['mean'])} %, {percent(force['two']['mean'])} %",
+        f"{millimetres(row['hwhm']['mean'])} mm, "
+        + f"{millimetres(row['position_error']['mean'])} mm",
     )
 
 
-def false_ones(score: dict) -> Row:
+def _false_ones(score: dict) -> str:
     """Ghosts and doubled contacts, and missed ones, of what `evaluation.scoring` says."""
-    return str(score["ghosts"] + score["doubled"]), str(score["missed"])
-
-
-LEGEND = """\
-contacts: measured single ones and pairs. textbook: a sensor as the layout says; worn: the sensor of the
-scene worn-sensor, with the same contacts. frame: median, p99: 99th percentile, of one frame from
-voltages to contacts. OSPA: places, ghosts and missed contacts in one figure, mean of all frames,
-cut-off 10 mm; a frame that is withheld counts as one without contacts. MB: held by the pipeline. contact:
-reported place of one contact against the true one; ghosts: contacts that are not there or reported
-twice, missed: true ones without a reported one within 10 mm, in all frames, for each kind of frames;
-two: smallest distance from which on 80 % of the pairs are told apart; force: mean error of one contact
-and of pairs told apart; HWHM, PE: of the image of one contact, mean (p95: 95th percentile); blur: way
-from the true place to the image squared, root mean square; noise: of a pixel per noise of a reading,
-V/V."""
+    return f"{score['ghosts'] + score['doubled']}, {score['missed']}"

@@ -24,7 +24,6 @@ PRESSURE = 30000.0  # Pa
 RADIUS = 0.025  # of a contact, in parts of the longer side: 5 mm on 200 mm
 MARGIN = 0.06  # that contacts keep from the rim, in parts of each side
 SEPARATIONS = (0.075, 0.1, 0.125, 0.15, 0.175, 0.2, 0.25, 0.3, 0.4)  # in parts of the longer side
-_REPEATS = 12  # frames of one contact, for the noise
 
 
 @dataclass(frozen=True)
@@ -63,7 +62,6 @@ class Trials:
     singles     one contact, 1 mV of noise and a 12-bit converter
     pairs       two contacts for each of `separations` (S,), m: (S * n) frames in this order
     worn, worn_pairs  the same contacts on the sensor of the scene `worn-sensor`
-    repeats     one contact many times: only the noise differs
     """
 
     layout: Layout
@@ -71,7 +69,6 @@ class Trials:
     pairs: Recording
     worn: Recording
     worn_pairs: Recording
-    repeats: Recording
     separations: np.ndarray
 
     def of(self, sensor: str) -> tuple[Recording, Recording]:
@@ -95,18 +92,16 @@ def make_trials(layout: Layout, size: Size, seed: int = 6) -> Trials:
     places = _places(layout, size.side, random)
     separations = np.array(SEPARATIONS) * max(layout.outline.size)
     pairs = [_pair(layout, apart, random) for apart in separations for _ in range(size.pairs)]
-    repeats = [places[len(places) // 3][None]] * _REPEATS
     singles = [place[None] for place in places]
-    clean = record(layout, make_scene(layout), [*singles, *pairs, *repeats])
+    clean = record(layout, make_scene(layout), [*singles, *pairs])
     worn = record(layout, worn_scene(layout), [*singles, *pairs])
-    first, second = len(singles), len(singles) + len(pairs)
+    ones, twos = slice(len(singles)), slice(len(singles), None)
     return Trials(
         layout,
-        singles=clean.part(slice(first)),
-        pairs=clean.part(slice(first, second)),
-        worn=worn.part(slice(first)),
-        worn_pairs=worn.part(slice(first, second)),
-        repeats=clean.part(slice(second, None)),
+        singles=clean.part(ones),
+        pairs=clean.part(twos),
+        worn=worn.part(ones),
+        worn_pairs=worn.part(twos),
         separations=separations,
     )
 
