@@ -4,8 +4,7 @@
     scripts/setup python3 benchmark/frames.py --idle 100000 --pressed 12000
 
 States of the reference model on 8 x 8 electrodes, 1 mV, 12 bits, no times of rows. Times: of each state two
-frames of the untouched sheet, one of the touch, three more of it; ms of processor, one thread. The first
-line is the product of a float32 matrix of 1600 x 4032 with the readings, the least that an image takes.
+frames of the untouched sheet, one of the touch, three more of it; ms of processor, one thread.
 
 Alarms: idle frames are of an untouched sheet; after each 100 another sensor, every other one with offsets of
 3 mV rms and gains off by 2 %. Pressed frames: single contacts, each with new noise in 100 frames after one of
@@ -14,7 +13,6 @@ the untouched sheet.
 
 import argparse
 import os
-import time
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
@@ -24,9 +22,9 @@ from tomotactile_ros.bench.cases import PROFILES
 from tomotactile_ros.bench.sensor.parts import WIRINGS, WORN
 from tomotactile_ros.bench.sensor.readings import Wiring, potentials, readings, untouched
 from tomotactile_ros.bench.sensor.states import states
+from tomotactile_ros.bench.sensor.trial import Trial, judged
 from tomotactile_ros.bench.tables import markdown
 from tomotactile_ros.bench.trials import DRIVE, LAW, NOISE
-from tomotactile_ros.evaluation.scoring import score_frame
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.scenes.channels import Channels, Rms
 
@@ -44,63 +42,56 @@ CASES = {  # family, case and wiring
     "plate of 100 mm": ("wide-8x8", "plate of 100 mm", "textbook"),
     "whole sheet, 100 N": ("wide-8x8", "whole sheet, 100 N", "textbook"),
 }
-KINDS = "untouched", "new", "at rest"
+KINDS = {"untouched": slice(0, 2), "new": slice(2, 3), "at rest": slice(3, 6)}  # of six frames
 SAME = 100  # frames of one sensor, or of one contact
 
 
-def dense() -> float:
-    """ms that the least of an image takes, matrices not in the caches."""
-    matrices = np.ones((8, 1600, 4032), np.float32)
-    frame, times = matrices[0, 0].copy(), []
-    for _ in range(3):
-        for matrix in matrices:
-            start = time.process_time()
-            matrix @ frame
-            times.append(1e3 * (time.process_time() - start))
-    return float(np.median(times))
-
-
 def times(family: str, case: str | None, wiring: str, profile: str, most: int):
-    """ms of frames of each of `KINDS`."""
+    """(6, N) ms of two untouched frames, a new touch, and three at rest, of N states."""
     pressed, wires = states(family, case, most), (WIRINGS | {"worn": WORN})[wiring]
-    layout = pressed.layout
-    pipeline = Pipeline(layout, Settings(profile, noise=NOISE, contact_law=LAW))
-    nothing, found = untouched(layout.electrodes), [[] for _ in KINDS]
+    nothing, frames = untouched(pressed.layout.electrodes), []
     for number, seen in enumerate(pressed.seen):
         touched = potentials(seen, wires)
-        for k, kind in enumerate((0, 0, 1, 2, 2, 2)):
-            frame = readings(touched if kind else nothing, wires, (number, k))
-            start = time.process_time()
-            pipeline.process(frame, layout.grounded, DRIVE)
-            found[kind].append(1e3 * (time.process_time() - start))
-    return found
+        both = nothing, nothing, touched, touched, touched, touched
+        frames += [readings(each, wires, (number, k)) for k, each in enumerate(both)]
+    found = judged(pipeline_of(pressed.layout, profile), trial_of(pressed.layout, frames, []))
+    return 1e3 * np.reshape([each.seconds for each in found], (-1, 6)).T
+
+
+def pipeline_of(layout, profile: str) -> Pipeline:
+    return Pipeline(layout, Settings(profile, noise=NOISE, contact_law=LAW))
+
+
+def trial_of(layout, frames: list, truth: list) -> Trial:
+    """All of which show the same contacts."""
+    return Trial("", layout, np.array(frames), [truth] * len(frames))
 
 
 def alarms(idle: int, pressed: int, profile: str):
     """Rows of frames, those with false contacts, with missed ones, and withheld."""
     touched = states("textbook-8x8")
     layout, nothing = touched.layout, untouched(touched.layout.electrodes)
-    pipeline = Pipeline(layout, Settings(profile, noise=NOISE, contact_law=LAW))
+    pipeline = pipeline_of(layout, profile)
     tally = {"idle": np.zeros(4, int), "pressed": np.zeros(4, int)}
 
-    def judge(kind, frame, truth):
-        result = pipeline.process(frame, layout.grounded, DRIVE)
-        withheld = result.state != "valid"
-        score = score_frame([] if withheld else result.contacts, truth)
-        missed = not withheld and score.missed > 0
-        tally[kind] += [1, score.ghosts + score.doubled + score.weak > 0, missed, withheld]
+    def count(kind, frames, truth):
+        for each in judged(pipeline, trial_of(layout, frames, truth)):
+            told = each.score is not None
+            wrong = told and each.score.ghosts + each.score.doubled + each.score.weak > 0
+            tally[kind] += [1, wrong, told and each.score.missed > 0, not told]
 
     for first in range(0, idle, SAME):
         wrong = Wiring(Channels(gain=Rms(0.02, first), offset=Rms(0.003, first)))
         wiring = wrong if first % (2 * SAME) else Wiring()
-        for number in range(first, min(first + SAME, idle)):
-            judge("idle", readings(nothing, wiring, (1, number)), [])
+        numbers = range(first, min(first + SAME, idle))
+        count("idle", [readings(nothing, wiring, (1, number)) for number in numbers], [])
     for first in range(0, pressed, SAME):
         which = first // SAME % len(touched.seen)
         seen = potentials(touched.seen[which])
         pipeline.process(readings(nothing, seed=(2, first)), layout.grounded, DRIVE)
-        for number in range(first, min(first + SAME, pressed)):
-            judge("pressed", readings(seen, seed=(3, number)), touched.truths[which])
+        numbers = range(first, min(first + SAME, pressed))
+        frames = [readings(seen, seed=(3, number)) for number in numbers]
+        count("pressed", frames, touched.truths[which])
     return [(name, *map(str, counts)) for name, counts in tally.items()]
 
 
@@ -116,12 +107,12 @@ def main() -> None:
         rows = alarms(asked.idle, asked.pressed, asked.profiles[0])
         heads = "", "frames", "with false contacts", "with missed ones", "withheld"
     else:
-        print(f"product of 1600 x 4032, float32: {dense():.2f} ms\n")
         rows = []
         for case in asked.cases:
             for profile in asked.profiles:
                 found = times(*CASES[case], profile, asked.states)
-                cells = (f"{np.median(t):.1f} / {np.percentile(t, 95):.1f}" for t in found)
+                kinds = (found[part] for part in KINDS.values())
+                cells = (f"{np.median(t):.1f} / {np.percentile(t, 95):.1f}" for t in kinds)
                 rows.append((case, profile, *cells))
         heads = "case", "profile", *(f"{kind}, ms: median / p95" for kind in KINDS)
     print(*markdown(heads, rows), sep="\n")

@@ -1,14 +1,13 @@
 """Taps and slides as one sees them who asks for a contact list of each frame.
 
-    scripts/setup python3 benchmark/frames_in_motion.py [--layout L] [--profiles accurate ...]
-        [--scenes N] [--every K] [--draw SEED] [--rows]
+    scripts/setup python3 benchmark/frames_in_motion.py [--layout L] [--scenes N] [--rows]
 
 Frames of the simulator's finite elements, each row of the sheet as it is at its own time, 1 mV, 12
 bits, 1 ms a row, one frame right after the other. A tap is a half sine of 40 to 300 ms and 0.3 to 8 N,
 a slide goes 60 to 200 ms at 0.05 to 0.5 m/s; discs of 4 to 8 mm radius, pressed as a ball (Hertz) or
 evenly, from 15 mm inside the rim on. Each scene is a tap or a slide alone, or beside a contact that
-rests; it begins 128 to 256 ms after the first row. --every: frames that are looked at, each Kth. --rows:
-not frames, but results after every row, which frames correct as soon as they are complete.
+rests; it begins 128 to 256 ms after the first row. --rows: not frames, but results after every row, which
+frames correct as soon as they are complete.
 
 A result counts as of the time that it holds for. What began or ended less than 3 rows before may be
 reported or not, nor is one missed that presses with less than 0.1 N; forces of these are not judged.
@@ -26,12 +25,12 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
 
-from tomotactile_ros.bench import tables
+from tomotactile_ros.bench.sensor import tables
+from tomotactile_ros.bench.tables import markdown
 from tomotactile_ros.bench.trials import DRIVE, LAW, NOISE
 from tomotactile_ros.evaluation import scoring
 from tomotactile_ros.layouts.layout import Layout, load_layout
 from tomotactile_ros.reconstruction import Pipeline, Settings
-from tomotactile_ros.reconstruction.settings import PROFILES
 from tomotactile_ros.scenes.contact import Contact
 from tomotactile_ros.scenes.course import Tap
 from tomotactile_ros.scenes.defects import Adc, Noise
@@ -113,47 +112,32 @@ def _by_rows(pipeline: Pipeline, frames, grounded) -> Iterator[tuple]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--layout", default="equal-8x8")
-    parser.add_argument("--profiles", nargs="+", choices=PROFILES, default=["accurate"])
     parser.add_argument("--scenes", type=int, default=20, help="of each kind (default: 20)")
-    parser.add_argument("--every", type=int, default=1)
-    parser.add_argument("--draw", type=int, default=1)
     parser.add_argument("--rows", action="store_true")
     given = parser.parse_args()
     layout = load_layout(given.layout)
     lasts, grounded = layout.electrodes * ROW_PERIOD, np.arange(layout.electrodes)
-    settings = [Settings(each, noise=NOISE, contact_law=LAW) for each in given.profiles]
+    settings = Settings("accurate", noise=NOISE, contact_law=LAW)
     follow, rows = _by_rows if given.rows else _by_frames, []
-    for kind in KINDS:
-        scores: dict[str, list] = {each: [] for each in given.profiles}
-        times: dict[str, list[float]] = {each: [] for each in given.profiles}
-        withheld = dict.fromkeys(given.profiles, 0)
+    for place, kind in enumerate(KINDS):
+        scores, times = [], []
         for number in range(given.scenes):
-            draw = np.random.default_rng([given.draw, KINDS.index(kind), number])
-            scene = scene_of(kind, layout, draw, lasts)
+            scene = scene_of(kind, layout, np.random.default_rng([1, place, number]), lasts)
             simulator = Simulator(layout, scene, row_period=ROW_PERIOD)
             ends = scene.contacts[0].end
             ends = scene.contacts[0].start + 0.3 if np.isinf(ends) else ends
             count = int(np.ceil(ends / lasts)) + 2
-            frames = [
-                (i * lasts, simulator.frame(i * lasts, i)) for i in range(0, count, given.every)
-            ]
-            for each in settings:
-                for result, at, took in follow(Pipeline(layout, each), frames, grounded):
-                    times[each.profile].append(1e3 * took)
-                    if result.reason:
-                        withheld[each.profile] += 1
-                    else:
-                        scores[each.profile].append(judged(result, scene, at))
+            frames = [(i * lasts, simulator.frame(i * lasts, i)) for i in range(count)]
+            for result, at, took in follow(Pipeline(layout, settings), frames, grounded):
+                times.append(1e3 * took)
+                if not result.reason:
+                    scores.append(judged(result, scene, at))
             print(f"{kind} {number}", end="\r", file=sys.stderr, flush=True)
-        for name in given.profiles:
-            found = scoring.summary(scores[name], withheld[name])
-            covered = [tables.percent(found["coverage"][key]) for key in ("place", "force")]
-            took = (*np.quantile(times[name], (0.5, 0.95)), max(times[name]))
-            spread = " / ".join(f"{each:.3g}" for each in took)
-            rows.append([kind, name, *scoring.cells(found), *covered, spread])
-    header = ("scene", "profile", *scoring.HEADER, "95 % regions: place %", "force %")
-    header += ("ms of processor: median / p95 / worst",)
-    print("\n".join(tables.markdown(header, rows)))
+        found = scoring.summary(scores, len(times) - len(scores))
+        took = (*np.quantile(times, (0.5, 0.95)), max(times))
+        rows.append([kind, *tables.cells(found), " / ".join(f"{each:.3g}" for each in took)])
+    header = ("scene", *tables.HEADER, "ms of processor: median / p95 / worst")
+    print("\n".join(markdown(header, rows)))
 
 
 if __name__ == "__main__":

@@ -18,11 +18,11 @@ import numpy as np
 from tomotactile_ros.bench import reference_slides, tables
 from tomotactile_ros.bench.cases import DEFAULT_LAYOUT
 from tomotactile_ros.bench.reference import ReferenceSheet
-from tomotactile_ros.bench.reference_cases import Press, truth
+from tomotactile_ros.bench.reference_cases import Press
 from tomotactile_ros.bench.reference_mesh import disc
 from tomotactile_ros.bench.sensor import changes
 from tomotactile_ros.bench.sensor.parts import WIRINGS, WORN
-from tomotactile_ros.bench.sensor.states import States, states
+from tomotactile_ros.bench.sensor.states import solved, states
 from tomotactile_ros.bench.sensor.trial import judge, presses
 from tomotactile_ros.bench.trials import DRIVE, LAW, NOISE
 from tomotactile_ros.evaluation import scoring
@@ -37,14 +37,13 @@ LEARNED = 30  # touches
 
 def on_four(step):
     """24 presses of 0.5 to 3 N and 6 mm radius on 4 x 4 electrodes."""
-    layout, random = load_layout("equal-4x4"), np.random.default_rng(4)
-    sheet, seen, truths = ReferenceSheet(layout), [], []
-    for at in random.uniform(-0.085, 0.085, (24 // step, 2)):
-        pressure = random.uniform(0.5, 3.0) / (np.pi * 0.006**2)
-        press = Press(disc(at, 0.006), "disc", pressure)
-        seen.append(sheet.solve([(press.shape, press.conductance)]))
-        truths.append([truth(press, layout.outline)])
-    return States(layout, seen, truths)
+    random = np.random.default_rng(4)
+    places = random.uniform(-0.085, 0.085, (24 // step, 2))
+    area = np.pi * 0.006**2
+    return solved(
+        ReferenceSheet(load_layout("equal-4x4")),
+        (Press(disc(at, 0.006), "disc", random.uniform(0.5, 3.0) / area) for at in places),
+    )
 
 
 def worn(step):
@@ -94,7 +93,7 @@ def main():
             found = judge(pipeline, trial)
             taken = 1e3 * (time.process_time() - begun) / len(trial.frames)
             rows.append([name, left_out or AUTO, f"{taken:.1f}", *scoring.cells(found)])
-            print("  ".join(map(str, rows[-1])), flush=True)
+            print("  ".join(rows[-1]), flush=True)
     header = ("sensor", "left out", "ms a frame", *scoring.HEADER)
     print("\n".join(["", *tables.text(header, rows, fixed=2)]))
 

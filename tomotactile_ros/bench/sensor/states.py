@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from tomotactile_ros.bench import reference_data
-from tomotactile_ros.bench.reference import Admittance
+from tomotactile_ros.bench.reference import Admittance, ReferenceSheet
+from tomotactile_ros.bench.reference_cases import Press, truth
 from tomotactile_ros.layouts.layout import Layout
 
 
@@ -43,3 +45,11 @@ def cases(family: str) -> list[str]:
     """Of a family, in the order of its file."""
     _, content = reference_data.read(reference_data.find(family), (), ("states",))
     return list(dict.fromkeys(state["case"] for state in content["states"]))
+
+
+def solved(sheet: ReferenceSheet, presses: Iterable[Press]) -> States:
+    """States of a sheet of the reference model, one press in each."""
+    presses = list(presses)
+    seen = [sheet.solve([(press.shape, press.conductance)]) for press in presses]
+    truths = [[truth(press, sheet.layout.outline)] for press in presses]
+    return States(sheet.layout, seen, truths)

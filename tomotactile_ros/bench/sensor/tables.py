@@ -24,14 +24,15 @@ OSPA: places, ghosts and misses in one figure, mean of the frames, cut-off 10 mm
 bound of the same places, median; place: median of the errors in parts of it, 0.83 at best."""
 _BOUND = "bound mm", "place / bound"
 _COVERED = "95 % regions: place %", "force %"
+HEADER = (*scoring.HEADER, *_COVERED)
 
 
 def text(found: dict[str, list[dict]], width: float = inf) -> Iterator[str]:
     """Lines for a terminal; `found`: rows of `trial.measure` by part."""
     for part, rows in found.items():
         yield TITLES[part]
-        header, cells = _table(rows)
-        yield from tables.text(header, cells, width, fixed=2)
+        header, lines = _table(rows)
+        yield from tables.text(header, lines, width, fixed=2)
         yield ""
     yield LEGEND
 
@@ -45,21 +46,30 @@ def markdown(found: dict[str, list[dict]]) -> Iterator[str]:
         yield ""
 
 
+def cells(row: dict) -> list[str]:
+    """Of what `scoring.summary` says, under `HEADER`."""
+    return [*scoring.cells(row), *_covered(row)]
+
+
+def _covered(row):
+    return [tables.percent(row["coverage"][key]) for key in ("place", "force")]
+
+
 def _table(rows: Sequence[dict]):
     """Header and cells; stated uncertainties and bounds have columns where there are any."""
     covered = any(part is not None for row in rows for part in row["coverage"].values())
     bounded = any(row["bound"] is not None for row in rows)
     more = (_COVERED if covered else ()) + (_BOUND if bounded else ())
     header = ("case", "method", *scoring.HEADER, *more)
-    cells = []
+    lines = []
     for row in rows:
         line = [row["case"], row["method"], *scoring.cells(row)]
         if covered:
-            line += [tables.percent(row["coverage"][key]) for key in ("place", "force")]
+            line += _covered(row)
         if bounded:
             line += _bound(row)
-        cells.append(line)
-    return header, cells
+        lines.append(line)
+    return header, lines
 
 
 def _bound(row):

@@ -9,7 +9,9 @@ Several are compared side by side: a function of a layout makes all of them by t
 
 from __future__ import annotations
 
+import contextlib
 import inspect
+import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
@@ -23,7 +25,7 @@ from tomotactile_ros.bench.cases import PROFILES
 from tomotactile_ros.bench.sensor.readings import IDEAL, Wiring, potentials, readings, untouched
 from tomotactile_ros.bench.sensor.states import States
 from tomotactile_ros.bench.trials import DRIVE, LAW, NOISE
-from tomotactile_ros.evaluation.scoring import score_frame, summary
+from tomotactile_ros.evaluation.scoring import FrameScore, score_frame, summary
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.support.errors import InputError
@@ -103,29 +105,41 @@ def least_error(trial: Trial, bounds: Bounds) -> np.ndarray:
     return np.concatenate([np.empty(0), *map(bounds.places, judged)])
 
 
-def judge(pipeline: Any, trial: Trial) -> dict:
-    """What `scoring.summary` says of one method; a frame that is refused counts as withheld."""
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """One frame: what the method returned (None where the frame was refused), its score (None where
+    contacts were withheld), and the processor time that it took, s."""
+
+    result: Any
+    score: FrameScore | None
+    seconds: float
+
+
+def judged(pipeline: Any, trial: Trial) -> Iterator[Judged]:
+    """What one method makes of each frame that has a truth, after those that have none."""
     grounded = np.arange(trial.layout.electrodes)
     process = pipeline.process
     if "row_period" in inspect.signature(process).parameters:
         process = partial(process, row_period=trial.row_period)
-    scores, withheld = [], 0
     for frame, truth in zip(trial.frames, trial.truths, strict=True):
-        try:
+        result, score, begun = None, None, time.process_time()
+        with contextlib.suppress(InputError):
             result = process(frame, grounded, DRIVE)
-        except InputError:
-            withheld += truth is not None
-            continue
+        seconds = time.process_time() - begun
         if truth is None:
             continue
-        if getattr(result, "state", "valid") == "valid":
+        if result is not None and getattr(result, "state", "valid") == "valid":
             middle = trial.row_period * (len(grounded) - 1) / 2
             holds = getattr(result, "holds", middle)
-            there = [_moved(contact, holds) for contact in truth]
-            scores.append(score_frame(result.contacts, there))
-        else:
-            withheld += 1
-    return summary(scores, withheld)
+            score = score_frame(result.contacts, [_moved(contact, holds) for contact in truth])
+        yield Judged(result, score, seconds)
+
+
+def judge(pipeline: Any, trial: Trial) -> dict:
+    """What `scoring.summary` says of one method; a frame that is refused counts as withheld."""
+    scores = [each.score for each in judged(pipeline, trial)]
+    told = [score for score in scores if score is not None]
+    return summary(told, len(scores) - len(told))
 
 
 def _moved(contact, seconds):
