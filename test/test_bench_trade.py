@@ -32,12 +32,11 @@ from tomotactile_ros.bench.sensor.readings import untouched
 from tomotactile_ros.bench.sensor.trial import Trial
 from tomotactile_ros.commands import bench
 from tomotactile_ros.evaluation.scoring import score
-from tomotactile_ros.optimizer.grounding import scans
 from tomotactile_ros.reconstruction import Pipeline, comparison
 from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.support.yamlio import plain
 
-CASE = cases.Case("equal-4x4", resolution=20)
+CASE = cases.Case("equal-4x4")
 SIZE = trials.Size(side=3, pairs=1)
 EFFORT = trade.Effort(SIZE, frames=1, rounds=2, seconds=0.0, most=0.0)
 
@@ -80,7 +79,7 @@ def test_pairs_are_as_far_apart_as_they_say(made):
 
 
 def test_accuracy_is_the_same_every_time(made, row):
-    again = accuracy.measure(Pipeline(made.layout, CASE.settings), made, cases.grounded(CASE))
+    again = accuracy.measure(Pipeline(made.layout, CASE.settings), made)
     assert {key: row[key] for key in again} == again
 
 
@@ -108,24 +107,6 @@ def test_a_perfect_result_has_no_error():
     assert accuracy.told_apart([Perfect(positions[0])], positions).tolist() == [True]
     assert accuracy.told_apart([Perfect(positions[0][:1])], positions).tolist() == [False]
     assert accuracy._force_error([Perfect(positions[0])], recording).tolist() == [0.0, 0.5]
-
-
-def test_a_scan_of_fewer_conditions_is_one_of_its_own(made):
-    """What a reading keeps is of the row before in this scan."""
-    chosen = np.array([1, 4, 9, 15])
-    fewer = made.scanned(chosen)
-    assert fewer.singles is made.singles
-    rows = np.isfinite(fewer.worn.frames).any(axis=2)
-    assert (rows == np.isin(np.arange(16), chosen)).all()
-    change = np.abs(fewer.worn.frames - made.worn.frames)[:, chosen]
-    assert 0.001 < np.nanmax(change) < 0.03
-
-
-@pytest.mark.parametrize("count", [8, 4])
-def test_ground_conditions_are_those_of_the_optimizer(count):
-    chosen = cases.grounded(cases.Case("equal-4x4", conditions=count))
-    (scan,) = scans(cases.find_layout("equal-4x4"), [count])
-    assert np.array_equal(chosen, scan.grounded)
 
 
 def test_the_front_leaves_out_what_is_slower_and_worse():
@@ -224,7 +205,7 @@ def test_memory_counts_what_is_held_and_what_was_in_use():
 
 
 def _result(row):
-    default = plain(row) | {"layout": cases.DEFAULT_LAYOUT, "resolution": 40}
+    default = plain(row) | {"layout": cases.DEFAULT_LAYOUT}
     machine = {
         "processor": "some CPU",
         "python": "3.12",
@@ -268,7 +249,7 @@ def test_readme_without_the_comments_is_refused_and_kept(tmp_path, row, content,
 
 
 def test_the_lattice_has_two_triangles_in_every_pixel(made):
-    nodes, triangles = libraries.lattice(made.layout, 20)
+    nodes, triangles = libraries.lattice(made.layout, 40)
     grid = Pipeline(made.layout, CASE.settings).grid
     centres = nodes[triangles].mean(axis=1)
     for half in np.split(centres, 2):
@@ -357,7 +338,7 @@ def test_results_with_the_same_ratios_agree(tmp_path, row, capsys):
     ("key", "said"),
     [
         ("ratio", "-20.0 %"),
-        ("accuracy", "equal-8x8, fast, 40², all grounds: two_contacts"),
+        ("accuracy", "equal-8x8, fast: two_contacts"),
         ("sensor", "3 contacts, fast: ghosts"),
     ],
 )

@@ -19,8 +19,8 @@ SENSORS = "textbook", "worn"
 _MOST = 0.8  # of all pairs that must be told apart
 
 
-def measure(pipeline: Pipeline, trials: Trials, conditions: np.ndarray) -> dict:
-    """Figures of merit with the ground conditions `conditions` (L,); lengths in m.
+def measure(pipeline: Pipeline, trials: Trials) -> dict:
+    """Figures of merit; lengths in m.
 
     hwhm, position_error  of the image of one contact, as in Kojima et al. 2023
     blur                  of the same image, see evaluation/metrics.py
@@ -33,10 +33,10 @@ def measure(pipeline: Pipeline, trials: Trials, conditions: np.ndarray) -> dict:
                           none
     force_error           |found - true| / true of one contact and of two, missed ones count as 1
     """
-    singles = process(pipeline, trials.singles, conditions)
-    pairs = process(pipeline, trials.pairs, conditions)
-    worn = process(pipeline, trials.worn, conditions)
-    worn_pairs = process(pipeline, trials.worn_pairs, conditions)
+    singles = process(pipeline, trials.singles)
+    pairs = process(pipeline, trials.pairs)
+    worn = process(pipeline, trials.worn)
+    worn_pairs = process(pipeline, trials.worn_pairs)
     resolved = told_apart(pairs, trials.pairs.positions)
     disturbed = merit(images(pipeline, worn), trials.worn, pipeline.grid)
     scores = {
@@ -59,9 +59,10 @@ def measure(pipeline: Pipeline, trials: Trials, conditions: np.ndarray) -> dict:
     }
 
 
-def process(pipeline: Pipeline, recording: Recording, conditions: np.ndarray) -> list:
+def process(pipeline: Pipeline, recording: Recording) -> list:
     """Results of all frames."""
-    return [pipeline.process(frame[conditions], conditions, DRIVE) for frame in recording.frames]
+    everything = np.arange(pipeline.layout.electrodes)
+    return [pipeline.process(frame, everything, DRIVE) for frame in recording.frames]
 
 
 def images(pipeline: Pipeline, results: list) -> np.ndarray:

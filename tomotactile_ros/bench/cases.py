@@ -1,15 +1,12 @@
-"""Which combinations of profile, resolution, ground conditions and layout are measured."""
+"""Which combinations of profile and layout are measured."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
 
-import numpy as np
-
 from tomotactile_ros.bench.trials import LAW, NOISE
 from tomotactile_ros.layouts.layout import Layout, equal_grid, load_layout
-from tomotactile_ros.optimizer.grounding import drop_order
 from tomotactile_ros.reconstruction import Settings
 from tomotactile_ros.support.errors import InputError
 
@@ -21,34 +18,25 @@ _SIDE, _SHEET = 0.2, 10000.0  # m, ohm/sq of a grid that is not installed
 
 @dataclass(frozen=True)
 class Case:
-    """One row. `conditions` None: all electrodes are grounded in turn."""
+    """One row."""
 
     layout: str
     profile: str = "fast"
-    resolution: int = 40
-    conditions: int | None = None
 
     def __str__(self):
-        grounds = "all" if self.conditions is None else self.conditions
-        return f"{self.layout}, {self.profile}, {self.resolution}², {grounds} grounds"
+        return f"{self.layout}, {self.profile}"
 
     @property
     def settings(self) -> Settings:
-        return Settings(self.profile, resolution=self.resolution, noise=NOISE, contact_law=LAW)
+        return Settings(self.profile, noise=NOISE, contact_law=LAW)
 
 
-# each profile, resolution and layout, and 16 conditions; all else at its default
-CASES = (
-    *(Case(DEFAULT_LAYOUT, profile) for profile in PROFILES),
-    *(Case(DEFAULT_LAYOUT, resolution=cells) for cells in (20, 80)),
-    Case(DEFAULT_LAYOUT, conditions=16),
-    *map(Case, LAYOUTS),
-)
+CASES = (*(Case(DEFAULT_LAYOUT, profile) for profile in PROFILES), *map(Case, LAYOUTS))
 
 
 def is_default(row: dict) -> bool:
-    """Whether a measured row belongs to the profiles at their defaults."""
-    return (row["layout"], row["resolution"], row["conditions"]) == (DEFAULT_LAYOUT, 40, None)
+    """Whether a measured row is one of the profiles on the default layout."""
+    return row["layout"] == DEFAULT_LAYOUT
 
 
 @cache
@@ -61,13 +49,3 @@ def find_layout(name: str) -> Layout:
             raise
         rows, columns = (int(n) for n in name.removeprefix("equal-").split("x"))
         return equal_grid(rows, columns, (_SIDE, _SIDE), 0.1 * _SIDE / rows, _SHEET, name=name)
-
-
-@cache
-def grounded(case: Case) -> np.ndarray:
-    """(L,) electrodes that are grounded: those that the optimizer keeps, in the order of the
-    layout."""
-    layout = find_layout(case.layout)
-    if case.conditions is None:
-        return np.arange(layout.electrodes)
-    return np.sort(drop_order(layout)[layout.electrodes - case.conditions :])

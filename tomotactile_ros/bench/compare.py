@@ -14,7 +14,6 @@ from tomotactile_ros.support.errors import InputError
 
 MOST = 0.1  # by which ratios may differ
 _MEASURED = ("setup", "frame", "memory")  # all else in a row of the trade is accuracy
-_CHOICE = ("layout", "profile", "resolution", "conditions")
 
 
 def lines(one: dict, other: dict) -> Iterator[str]:
@@ -49,7 +48,7 @@ def ratios(result: dict) -> dict[str, float]:
         for sensor, frame in row["frame"].items():
             words = "frame" if sensor == "textbook" else f"{sensor} frame"
             out[f"{words}, {_name(row)}"] = frame["relative"]["ratio"]
-        out[f"set-up, {row['layout']}, {row['resolution']}²"] = row["setup"]["relative"]["ratio"]
+        out[f"set-up, {row['layout']}"] = row["setup"]["relative"]["ratio"]
     return out | {name: found["ratio"] for name, found in result["peers"]["ratios"].items()}
 
 
@@ -93,4 +92,4 @@ def _different_machine(one, other):
 
 
 def _name(row):
-    return str(Case(*(row[key] for key in _CHOICE)))
+    return str(Case(row["layout"], row["profile"]))

@@ -4,6 +4,7 @@ logarithmic scales."""
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -76,8 +77,9 @@ def _fitted(by, points):
 
 
 def _maker(side, resolution):
-    case = Case(f"equal-{side}x{side}", resolution=resolution)
-    return lambda: Pipeline(find_layout(case.layout), case.settings)
+    case = Case(f"equal-{side}x{side}")
+    settings = replace(case.settings, resolution=resolution)
+    return lambda: Pipeline(find_layout(case.layout), settings)
 
 
 def _frame(pipeline):

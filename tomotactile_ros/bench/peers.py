@@ -25,7 +25,7 @@ from tomotactile_ros.reconstruction import Pipeline
 from tomotactile_ros.reconstruction.comparison import Greit
 from tomotactile_ros.reconstruction.model import Model
 
-_CELLS = 40
+_CELLS = 40  # as in the settings
 _MERIT = "hwhm", "position_error", "blur"
 _SECONDS = 3.0  # for times that are taken in turn
 _WEIGHTS = 1.0, 10.0, 100.0  # of the noise in the training of GREIT
@@ -56,7 +56,7 @@ def compare(trials: Trials) -> dict:
     calls["greit"] = [lambda: inverse @ frame[greit.read].astype(np.float32)]
     found["greit"] = {"setup": trained + inverted} | _best(greit, _WEIGHTS, trials, grid)
     setups += _pipelines(layout)[1]
-    own = accuracy.measure(pipelines[0], trials, np.arange(layout.electrodes))
+    own = accuracy.measure(pipelines[0], trials)
     kept = {key: own[key] for key in (*_MERIT, "ospa")}
     found["fast"] = {"setup": min(setups)} | kept
     times = timing.in_turn(calls, least=20, seconds=_SECONDS, turn=0.01)
@@ -75,7 +75,7 @@ def compare(trials: Trials) -> dict:
 
 def _pipelines(layout):
     """One for each sensor, and the seconds that each took."""
-    settings = Case(layout.name, resolution=_CELLS).settings
+    settings = Case(layout.name).settings
     made = [timing.timed(lambda: Pipeline(layout, settings)) for _ in range(_SENSORS)]
     return [list(each) for each in zip(*made)]
 

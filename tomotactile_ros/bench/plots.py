@@ -14,7 +14,6 @@ from tomotactile_ros.bench.cases import find_layout, is_default
 from tomotactile_ros.support.files import save_figure
 
 _COLOURS = {"fast": "tab:blue", "balanced": "tab:orange", "accurate": "tab:green"}
-_MARKERS = {20: "v", 40: "o", 80: "^"}
 _TITLES = {"textbook": "sensor of the textbook", "worn": "worn sensor"}
 _LABEL = 7  # points
 
@@ -57,15 +56,9 @@ def save_front(path: str | Path, result: dict) -> None:
 
 def _draw_front(axes, rows, best, sensor):
     for row in rows:
+        alpha = 1.0 if row in best else 0.3
         colour = _COLOURS[row["profile"]]
-        axes.plot(
-            *_place(row, sensor),
-            _MARKERS[row["resolution"]],
-            color=colour,
-            markerfacecolor=colour if row["conditions"] is None else "none",
-            markersize=7,
-            alpha=1.0 if row in best else 0.3,
-        )
+        axes.plot(*_place(row, sensor), "o", color=colour, markersize=7, alpha=alpha)
     steps = np.transpose([_place(row, sensor) for row in best])
     axes.step(*steps, where="post", color="0.3", zorder=1)
     axes.set(xscale="log", yscale="log", axisbelow=True)
@@ -113,16 +106,11 @@ def _place(row, sensor):
 
 
 def _name(row):
-    family = row["layout"].partition("-")[0]
-    ground = "" if row["conditions"] is None else f", {row['conditions']} grounds"
-    return f"{family} {row['resolution']}²{ground}"
+    return row["layout"].partition("-")[0]
 
 
 def _legend():
     for profile, colour in _COLOURS.items():
         yield profile, {"marker": "o", "color": colour, "linestyle": ""}
-    yield "fewer ground conditions", {"marker": "o", "color": "0.5", "linestyle": "", "mfc": "none"}
-    for cells, marker in _MARKERS.items():
-        yield f"{cells} x {cells} pixels", {"marker": marker, "color": "0.5", "linestyle": ""}
     yield "front: none is faster and better", {"color": "0.3"}
-    yield "peer, 40 x 40 pixels", {"marker": "x", "color": "0.3", "linestyle": ""}
+    yield "peer", {"marker": "x", "color": "0.3", "linestyle": ""}

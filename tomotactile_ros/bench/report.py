@@ -28,13 +28,8 @@ def lines(result: dict, width: float = inf) -> Iterator[str]:
     yield f"threads: {', '.join(threads)}; {seconds:.0f} s, {result['peak_memory'] / 1e6:.0f} MB"
     yield ""
     yield "Speed and accuracy"
-    choice = "layout", "profile", "resolution", "conditions"
-    rows = [
-        (*(str(row[key] or "all") for key in choice), *tables.trade_cells(row))
-        for row in result["trade"]
-    ]
-    header = ("layout", "profile", "pixels", "grounds", *tables.TRADE)
-    yield from tables.text(header, rows, width, fixed=4)
+    rows = [(row["layout"], row["profile"], *tables.trade_cells(row)) for row in result["trade"]]
+    yield from tables.text(("layout", "profile", *tables.TRADE), rows, width, fixed=2)
     yield tables.LEGEND
     yield ""
     yield "What time buys: frames that follow one another, profile auto"

@@ -65,7 +65,7 @@ def measure(store: Store) -> dict:
 
 def parts() -> Iterator[Part]:
     """What is measured, in this order."""
-    yield Part("trade", 150, partial(trade.measure, CASES, EFFORT))
+    yield Part("trade", 110, partial(trade.measure, CASES, EFFORT))
     for name in SENSOR:
         yield Part(name, 8, partial(_sensor_part, name))
     yield Part("deadlines", 50, deadlines.measure)

@@ -1,5 +1,4 @@
-"""Speed against accuracy: one row for each profile, resolution, number of ground conditions and
-layout, each on the sensor of the textbook and on a worn one.
+"""Speed against accuracy: one row for each profile and layout, on the sensor of the textbook and on a worn one.
 
 The accuracy by which choices are compared is one that ghosts and missed contacts enter, as well as
 places: the OSPA distance between reported and true contacts (`accuracy.ospa`). The width of an
@@ -17,7 +16,7 @@ import numpy as np
 
 from tomotactile_ros.bench import accuracy, timing
 from tomotactile_ros.bench.accuracy import SENSORS
-from tomotactile_ros.bench.cases import Case, find_layout, grounded
+from tomotactile_ros.bench.cases import Case, find_layout
 from tomotactile_ros.bench.trials import DRIVE, Size, Trials, make_trials
 from tomotactile_ros.reconstruction import Pipeline
 
@@ -39,27 +38,6 @@ class Effort:
 EFFORT = Effort(Size(5, 5), frames=4, rounds=15, seconds=3.0, most=2.0)
 
 
-@dataclass(frozen=True, eq=False)
-class Subject:
-    """A case that is ready to be measured."""
-
-    case: Case
-    pipeline: Pipeline
-    grounded: np.ndarray
-    trials: Trials
-
-    def frames(self, sensor: str, number: int) -> list[Callable[[], object]]:
-        """Functions that reconstruct a recorded frame each, `number` of single contacts and of
-        pairs in turn, of one of `SENSORS`."""
-        recorded = self.trials.of(sensor)
-        places = [np.linspace(0, len(each) - 1, number + 1).astype(int)[1:] for each in recorded]
-        chosen = np.concatenate([each.frames[at] for each, at in zip(recorded, places)])
-        return [
-            partial(self.pipeline.process, frame[self.grounded], self.grounded, DRIVE)
-            for frame in chosen
-        ]
-
-
 @cache
 def recorded(name: str, size: Size) -> Trials:
     """Recorded frames of a layout."""
@@ -73,22 +51,24 @@ def measure(
     in m.
 
     setup     median, and how many times that of the first case, measured in turn; the same for all
-              profiles and ground conditions
+              profiles
     frame     on each of `SENSORS`: median and more, and how many times that of the first case on the
               textbook sensor
-    memory    of the pipeline after a frame with all ground conditions
+    memory    of the pipeline after a frame
     contacts  how many single ones and pairs were measured
     """
-    setups: defaultdict[tuple[str, int], list] = defaultdict(list)
+    setups: defaultdict[str, list] = defaultdict(list)
     _add_setups(setups, cases, effort.seconds / 2)
-    subjects, merits = _subjects(cases, effort.size), []
-    for subject in subjects:
-        merits.append(_merit(subject))
-        tick(0.8 * len(merits) / len(subjects))
+    pipelines, merits = _pipelines(cases), []
+    for case, pipeline in zip(cases, pipelines, strict=True):
+        trials = recorded(case.layout, effort.size)
+        contacts = [len(trials.singles), len(trials.pairs)]
+        merits.append(accuracy.measure(pipeline, trials) | {"contacts": contacts})
+        tick(0.8 * len(merits) / len(cases))
     _add_setups(setups, cases, effort.seconds / 2)
     calls = {
-        (case, sensor): subject.frames(sensor, effort.frames)
-        for case, subject in zip(cases, subjects, strict=True)
+        (case, sensor): _calls(pipeline, recorded(case.layout, effort.size).of(sensor), effort)
+        for case, pipeline in zip(cases, pipelines, strict=True)
         for sensor in SENSORS
     }
     frames = _compared(
@@ -99,64 +79,54 @@ def measure(
     return [
         asdict(case)
         | {
-            "setup": compared[case.layout, case.resolution],
+            "setup": compared[case.layout],
             "frame": {sensor: frames[case, sensor] for sensor in SENSORS},
-            "memory": _memory(case.layout, case.profile, case.resolution, effort.size),
+            "memory": _memory(case, effort.size),
         }
         | merit
         for case, merit in zip(cases, merits, strict=True)
     ]
 
 
-def _subjects(cases, size):
-    """One for each of `cases`; those of one layout and resolution have in common what they can."""
-    pipelines: dict[tuple[str, int], Pipeline] = {}
-    found = []
+def _pipelines(cases):
+    """One for each of `cases`; those of one layout have in common what they can."""
+    first: dict[str, Pipeline] = {}
     for case in cases:
-        key = case.layout, case.resolution
-        if key not in pipelines:
-            pipelines[key] = Pipeline(find_layout(case.layout), case.settings)
-        trials = recorded(case.layout, size)
-        if case.conditions is not None:
-            trials = trials.scanned(grounded(case))
-        pipeline = pipelines[key].with_settings(case.settings)
-        found.append(Subject(case, pipeline, grounded(case), trials))
-    return found
+        if case.layout not in first:
+            first[case.layout] = Pipeline(find_layout(case.layout), case.settings)
+    return [first[case.layout].with_settings(case.settings) for case in cases]
+
+
+def _calls(pipeline, recordings, effort):
+    """Functions that reconstruct a recorded frame each, some of single contacts and as many of pairs."""
+    everything = np.arange(pipeline.layout.electrodes)
+    places = [
+        np.linspace(0, len(each) - 1, effort.frames + 1).astype(int)[1:] for each in recordings
+    ]
+    chosen = np.concatenate([each.frames[at] for each, at in zip(recordings, places)])
+    return [partial(pipeline.process, frame, everything, DRIVE) for frame in chosen]
 
 
 def _add_setups(times, cases, seconds):
-    """To `times` by layout and resolution; now and then, as a machine may be slow for long."""
+    """To `times` by layout; now and then, as a machine may be slow for long."""
     calls = {
-        (layout, cells): [
-            partial(
-                timing.afresh,
-                partial(Pipeline, find_layout(layout), Case(layout, resolution=cells).settings),
-            )
-        ]
-        for layout, cells in dict.fromkeys((case.layout, case.resolution) for case in cases)
+        name: [partial(timing.afresh, partial(Pipeline, find_layout(name), Case(name).settings))]
+        for name in dict.fromkeys(case.layout for case in cases)
     }
     more = timing.in_turn(calls, least=1, seconds=seconds, turn=0.05, warm=False)
-    for key, rounds in more.items():
-        times[key] += rounds
+    for name, rounds in more.items():
+        times[name] += rounds
 
 
-@cache
-def _memory(layout, profile, resolution, size):
-    case, frame = Case(layout, profile, resolution), recorded(layout, size).singles.frames[0]
+def _memory(case, size):
+    frame = recorded(case.layout, size).singles.frames[0]
 
     def make():
-        pipeline = Pipeline(find_layout(layout), case.settings)
-        pipeline.process(frame, grounded(case), DRIVE)
+        pipeline = Pipeline(find_layout(case.layout), case.settings)
+        pipeline.process(frame, np.arange(len(frame)), DRIVE)
         return pipeline
 
     return timing.memory(make)[1]
-
-
-def _merit(subject):
-    """Accuracy, and the number of contacts that it was measured with."""
-    trials = subject.trials
-    found = accuracy.measure(subject.pipeline, trials, subject.grounded)
-    return found | {"contacts": [len(trials.singles), len(trials.pairs)]}
 
 
 def _compared(times):

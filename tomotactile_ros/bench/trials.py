@@ -76,15 +76,6 @@ class Trials:
         worn = sensor == "worn"
         return (self.worn, self.worn_pairs) if worn else (self.singles, self.pairs)
 
-    def scanned(self, grounded: np.ndarray) -> Trials:
-        """The worn sensor scanned with the ground conditions `grounded` (L,) alone: what readings keep is of
-        the row before among these. Rows of others are NaN."""
-        places = [*self.worn.positions, *self.worn_pairs.positions]
-        worn = record(self.layout, worn_scene(self.layout), places, order=grounded)
-        count = len(self.worn)
-        parts = worn.part(slice(count)), worn.part(slice(count, None))
-        return replace(self, worn=parts[0], worn_pairs=parts[1])
-
 
 def make_trials(layout: Layout, size: Size, seed: int = 6) -> Trials:
     """Simulate all frames of `layout`."""
@@ -107,17 +98,11 @@ def make_trials(layout: Layout, size: Size, seed: int = 6) -> Trials:
 
 
 def record(
-    layout: Layout,
-    scene: Scene,
-    places: list[np.ndarray],
-    pressure=PRESSURE,
-    h=None,
-    order: np.ndarray | None = None,
+    layout: Layout, scene: Scene, places: list[np.ndarray], pressure: float = PRESSURE, h=None
 ) -> Recording:
     """One frame for each set of contact positions (n, 2), each with its own noise.
 
-    `pressure` of every contact, Pa; `h`: element size, m, the simulator's own without it; `order` of the
-    scan, in which rows that are not grounded are NaN.
+    `pressure` of every contact, Pa; `h`: element size, m, the simulator's own without it.
     """
     radius = RADIUS * max(layout.outline.size)
     contacts = [
@@ -125,11 +110,8 @@ def record(
         for i, points in enumerate(places)
         for where in points
     ]
-    scan = None if order is None else order.tolist()
-    simulator = Simulator(layout, replace(scene, contacts=tuple(contacts)), h=h, order=scan)
-    frames = np.full((len(places), layout.electrodes, layout.electrodes), np.nan)
-    for i, frame in enumerate(frames):
-        frame[simulator.grounded] = simulator.frame(i + 0.5, i)
+    simulator = Simulator(layout, replace(scene, contacts=tuple(contacts)), h=h)
+    frames = np.array([simulator.frame(i + 0.5, i) for i in range(len(places))])
     force = pressure * np.pi * radius**2
     return Recording(frames, list(places), [np.full(len(points), force) for points in places])
 
