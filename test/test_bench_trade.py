@@ -301,15 +301,6 @@ def test_ratios_do_not_see_that_others_use_the_processor():
     assert timing.summary(crowded)["median"] == 14.5
 
 
-def test_more_time_is_worse_only_where_it_is():
-    def rows(*distances):
-        return [{"sensor": "worn", "ospa": ospa} for ospa in distances]
-
-    assert deadlines.is_better_with_time(rows(5e-3, 3e-3, 3.1e-3), "worn")
-    assert not deadlines.is_better_with_time(rows(3e-3, 5e-3, 1e-3), "worn")
-    assert report._worth(rows(3e-3, 5e-3), "worn") == "worn: more time IS WORSE SOMEWHERE"
-
-
 def test_every_result_counts_at_the_time_for_which_it_holds(monkeypatch):
     """Two discs of the default scene, 4 x 4: with as much time as there is, all is found and complete."""
     monkeypatch.setattr(deadlines, "FRAMES", 3)

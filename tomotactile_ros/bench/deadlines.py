@@ -24,8 +24,6 @@ from tomotactile_ros.simulation import Simulator
 
 DEADLINES = 0.3e-3, 1e-3, 3e-3, 10e-3, 30e-3, 100e-3  # s
 FRAMES = 16
-# what two frames more or less that are told by a glance change, m: noise of the clock
-_NOISE = 2 * 0.01 / FRAMES
 SENSORS: dict[str, tuple[str, Callable[[Layout], Scene]]] = {
     "textbook": ("equal-8x8", lambda layout: load_scene("default")),
     "worn": ("equal-8x8", lambda layout: load_scene("worn-sensor")),
@@ -54,12 +52,6 @@ def measure(tick: Callable[[float], None] = lambda fraction: None) -> list[dict]
             tick(len(rows) / len(SENSORS) / len(DEADLINES))
         pipeline.stop()
     return rows
-
-
-def is_better_with_time(rows: list[dict], sensor: str) -> bool:
-    """Whether no longer deadline leads to a larger OSPA distance than a shorter one, beyond noise."""
-    distances = [row["ospa"] for row in rows if row["sensor"] == sensor]
-    return bool((distances - np.minimum.accumulate(distances) < _NOISE).all())
 
 
 def _judge(pipeline, scene, frames, deadline) -> dict:

@@ -3,7 +3,7 @@ logarithmic scales."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
@@ -66,14 +66,10 @@ def exponent(sizes, values) -> float:
     return float(np.polyfit(np.log(sizes), np.log(values), 1)[0])
 
 
-def exponents(by: str, points: Sequence[dict]) -> dict[str, float]:
-    """Of all QUANTITIES, with the number of what `by` names."""
-    sizes = [point[by] for point in points]
-    return {key: exponent(sizes, [point[key] for point in points]) for key in QUANTITIES}
-
-
 def _fitted(by, points):
-    return {"points": points, "exponents": exponents(by, points)}
+    sizes = [point[by] for point in points]
+    powers = {key: exponent(sizes, [point[key] for point in points]) for key in QUANTITIES}
+    return {"points": points, "exponents": powers}
 
 
 def _maker(side, resolution):

@@ -1,9 +1,9 @@
-"""How other libraries are applied to the same problem. Electrodes are nodes in both.
+"""How pyEIT is applied to the same problem. Electrodes are nodes.
 
-pyEIT images the conductivity of triangles between electrodes that carry currents in pairs: a
+It images the conductivity of triangles between electrodes that carry currents in pairs: a
 contact that feeds current in is outside its model. Its speed is that of its own Jacobian on the
 same mesh and number of readings; its accuracy that of its one-step inverse given the paper's
-sensitivity (eq. 2). scikit-fem solves the untouched sheet for all electrodes.
+sensitivity (eq. 2).
 """
 
 from __future__ import annotations
@@ -88,25 +88,3 @@ class PyeitOneStep:
         read = self._read & ~np.isnan(frames).any(axis=0)
         inverse = self._solver._compute_h(self._sensitivity[read[self._read]], 0.0, level, "dgn")
         return frames[:, read] @ inverse.T
-
-
-def scikit_fem_solver(layout, cells: int):
-    """A function that assembles, factorises and solves the sheet for all electrodes; None if not
-    installed."""
-    try:
-        from skfem import Basis, ElementTriP1, MeshTri, asm
-        from skfem.models.poisson import laplace
-    except ImportError:
-        return None
-    from scipy.sparse.linalg import splu
-
-    nodes, triangles = lattice(layout, cells)
-    mesh = MeshTri(nodes.T.copy(), triangles.T.copy())
-    feed = np.zeros((len(nodes), layout.electrodes))
-    feed[electrode_nodes(layout, nodes), np.arange(layout.electrodes)] = 1.0
-
-    def solve():
-        matrix = asm(laplace, Basis(mesh, ElementTriP1())).tocsc()[1:, 1:]
-        return splu(matrix, permc_spec="MMD_AT_PLUS_A").solve(feed[1:])
-
-    return solve

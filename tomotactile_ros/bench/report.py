@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import partial
 from math import inf
 
 from tomotactile_ros.bench import tables
 from tomotactile_ros.bench.accuracy import SENSORS
 from tomotactile_ros.bench.cases import PROFILES
-from tomotactile_ros.bench.deadlines import SENSORS as SENSORS_IN_TIME
-from tomotactile_ros.bench.deadlines import is_better_with_time
 from tomotactile_ros.bench.extremes import BEYOND
-from tomotactile_ros.bench.growth import exponents
 from tomotactile_ros.bench.sensor import tables as sensor
 
 
@@ -38,7 +34,6 @@ def lines(result: dict, width: float = inf) -> Iterator[str]:
         *("withheld", "complete", "median ms", "worst ms"),
     )
     yield from tables.text(header, map(_deadline, result["deadlines"]), width)
-    yield from map(partial(_worth, result["deadlines"]), SENSORS_IN_TIME)
     yield ""
     yield "The sensor as it is, 40 x 40 pixels"
     measured = {part: rows for part, rows in result["sensor"].items() if "skipped" not in rows}
@@ -73,11 +68,6 @@ def _deadline(row):
     times = (tables.milliseconds(row[key]) for key in ("median", "worst"))
     place = f"{1e3 * row['ospa']:.2f}", str(row["ghosts"]), str(row["missed"]), force
     return row["sensor"], tables.milliseconds(row["deadline"]), *place, *counts, *times
-
-
-def _worth(rows, sensor):
-    better = "is never worse" if is_better_with_time(rows, sensor) else "IS WORSE SOMEWHERE"
-    return f"{sensor}: more time {better}"
 
 
 def _peers(peers):
@@ -124,9 +114,8 @@ def _growth(growth):
     header = ("electrodes", "pixels", "set-up s", "frame ms", "MB")
     for by, found in growth.items():
         yield from tables.text(header, map(_cost, found["points"]))
-        last = exponents(by, found["points"][-2:])
         powers = (
-            f"{name} n^{found['exponents'][key]:.2f} (last step n^{last[key]:.2f})"
+            f"{name} n^{found['exponents'][key]:.2f}"
             for key, name in (("setup", "set-up"), ("frame", "frame"), ("memory", "memory"))
         )
         yield f"with n {by}: {', '.join(powers)}"

@@ -1,4 +1,4 @@
-"""What the article says (sections 2.3 and 3), and what was measured apart from this package."""
+"""What the article says (sections 2.3 and 3), and the models in which it is computed again."""
 
 from __future__ import annotations
 
@@ -29,20 +29,6 @@ REPORTED = {
     8: Reported(5, 4, (17.3, 18.0), (16.6, 16.8), (0.960, 0.93, 0.949)),
 }
 EXPERIMENT = {"centre": (36.9, 29.7), "side": (28.7, 24.7), "corner": (16.7, 17.0)}  # HWHM, %
-INDEPENDENT = {  # the same ratios by a separate program
-    4: {
-        "closed-form": (0.936, 0.817, 0.830),
-        "fem": (0.972, 0.876, 0.811),
-        "fem-inset": (0.965, 0.862, 0.827),
-        "point-nodes": (0.901, 0.748, 0.777),
-    },
-    8: {
-        "closed-form": (0.997, 0.883, 1.004),
-        "fem": (1.037, 0.861, 0.943),
-        "fem-inset": (1.019, 0.921, 0.979),
-        "point-nodes": (0.960, 0.847, 0.851),
-    },
-}
 MODELS = {
     "closed-form": "closed form, electrodes as points with a radius",
     "fem": "finite elements, electrodes as discs of one potential",

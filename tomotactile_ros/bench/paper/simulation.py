@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tomotactile_ros.bench.paper.article import INDEPENDENT, REPORTED, SIDE
+from tomotactile_ros.bench.paper.article import REPORTED, SIDE
 from tomotactile_ros.evaluation.layout_quality import LayoutQuality, evaluate_layout
 from tomotactile_ros.evaluation.metrics import half_maximum
 from tomotactile_ros.evaluation.point_nodes import point_nodes_transfer
@@ -62,11 +62,6 @@ class Run:
     def away(self) -> float:
         """Mean distance of the ratios from those of the article."""
         return float(np.abs(self.differences).mean())
-
-    @property
-    def away_from_independent(self) -> float:
-        """Largest distance of the ratios from those of the separate program."""
-        return float(np.abs(self.ratios - INDEPENDENT[self.count][self.model]).max())
 
 
 def optimize(count: int, model: str) -> Run:
