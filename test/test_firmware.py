@@ -5,7 +5,6 @@ Every wait is for an event; PATIENCE is only how long a broken program may take 
 
 import contextlib
 import fcntl
-import importlib.util
 import os
 import re
 import select
@@ -15,6 +14,7 @@ import subprocess
 import time
 from pathlib import Path
 
+import board_support
 import numpy as np
 import pytest
 from devices_support import PATIENCE, Watch
@@ -30,31 +30,21 @@ E = 6
 SCALE = 3.3 / 4096
 
 
-def _qemu_board():
-    """benchmark/qemu_board.py as a module."""
-    path = ROOT / "benchmark" / "qemu_board.py"
-    spec = importlib.util.spec_from_file_location("qemu_board", path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-qemu_board = _qemu_board()
 needs_compiler = pytest.mark.skipif(
     not (shutil.which("cc") and shutil.which("make")), reason="not installed: cc or make"
 )
-needs_qemu = pytest.mark.skipif(bool(qemu_board.missing()), reason=qemu_board.missing())
+needs_qemu = pytest.mark.skipif(bool(board_support.missing()), reason=board_support.missing())
 ARM = ("make", "arm-none-eabi-gcc")
 needs_rp2040 = pytest.mark.skipif(
-    bool(qemu_board.missing_rp2040()), reason=qemu_board.missing_rp2040()
+    bool(board_support.missing_rp2040()), reason=board_support.missing_rp2040()
 )
-needs_arm = pytest.mark.skipif(bool(qemu_board.missing(ARM)), reason=qemu_board.missing(ARM))
+needs_arm = pytest.mark.skipif(bool(board_support.missing(ARM)), reason=board_support.missing(ARM))
 
 
 @pytest.fixture(scope="module")
 def program(tmp_path_factory):
     """The board that is this computer, with address and undefined-behaviour sanitizers."""
-    return qemu_board.build(tmp_path_factory.mktemp("firmware"), "computer")
+    return board_support.build(tmp_path_factory.mktemp("firmware"), "computer")
 
 
 class Talk:
@@ -294,7 +284,7 @@ def test_a_slow_line_costs_whole_frames_and_answers_still_come(program):
 
 @needs_compiler
 def test_random_bytes_do_no_harm(tmp_path):
-    image = qemu_board.build(tmp_path, "fuzz")
+    image = board_support.build(tmp_path, "fuzz")
     done = subprocess.run([image, "2e6"], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[-2000:]
     figures = [int(n) for n in re.findall(r"\d+", done.stdout)]
@@ -303,10 +293,10 @@ def test_random_bytes_do_no_harm(tmp_path):
 
 @needs_qemu
 def test_every_reading_of_the_emulated_board_is_right(tmp_path):
-    table, zero = qemu_board.random_table(8, 16), 20000  # many readings are below 0 V
-    qemu_board.write_table(tmp_path, table.tolist(), 16, zero=zero)
-    image = qemu_board.build(tmp_path)
-    with qemu_board.running(image, boot=41) as port:
+    table, zero = board_support.random_table(8, 16), 20000  # many readings are below 0 V
+    board_support.write_table(tmp_path, table.tolist(), 16, zero=zero)
+    image = board_support.build(tmp_path)
+    with board_support.running(image, boot=41) as port:
         device = SerialDevice(port, 8, rate=125.0)
         watch = Watch(device)
         device.open(watch)
@@ -317,8 +307,8 @@ def test_every_reading_of_the_emulated_board_is_right(tmp_path):
     assert device.identity.boot == 42
     assert counters["crc_errors"] + counters["framing_errors"] + counters["malformed"] == 0
     for frame in watch.frames:
-        expected = (table[frame.sequence % len(table)] - float(zero)) * qemu_board.SCALE
-        assert np.allclose(frame.voltages, expected, atol=0.1 * qemu_board.SCALE)
+        expected = (table[frame.sequence % len(table)] - float(zero)) * board_support.SCALE
+        assert np.allclose(frame.voltages, expected, atol=0.1 * board_support.SCALE)
 
 
 @needs_qemu
@@ -331,9 +321,9 @@ def test_a_touch_on_the_emulated_board_is_found(tmp_path):
         "contact_law: {coefficient: 1.0e-6, exponent: 1.0}\n"
         "contacts:\n  - {shape: disc, center: [0.03, -0.02], radius: 0.006, pressure: 20000.0}\n"
     )
-    table = qemu_board.simulated_table("equal-4x4", str(scene))
-    qemu_board.write_table(tmp_path, table, 12)
-    with qemu_board.running(qemu_board.build(tmp_path)) as port:
+    table = board_support.simulated_table("equal-4x4", str(scene))
+    board_support.write_table(tmp_path, table, 12)
+    with board_support.running(board_support.build(tmp_path)) as port:
         device = SerialDevice(port, 16, rate=20.0)
         watch = Watch(device)
         device.open(watch)
@@ -350,7 +340,7 @@ def test_a_touch_on_the_emulated_board_is_found(tmp_path):
 @needs_arm
 @pytest.mark.parametrize("target", ["qemu.elf", "stm32f4.elf", "rp2040.elf"])
 def test_images_divide_no_64_bits_and_allocate_nothing(tmp_path, target):
-    image = qemu_board.build(tmp_path, target)
+    image = board_support.build(tmp_path, target)
     listed = subprocess.run(
         ["arm-none-eabi-nm", image], capture_output=True, text=True, check=True
     ).stdout
@@ -386,7 +376,7 @@ def first_rows(port: int, number: int) -> tuple[protocol.Identity, list[protocol
 @needs_rp2040
 def test_the_board_with_usb_speaks_in_the_emulator(tmp_path):
     """From boot2 over clocks, converter and pins to descriptors and bytes of the USB controller."""
-    with qemu_board.running_rp2040(qemu_board.build(tmp_path, "rp2040.uf2")) as told:
+    with board_support.running_rp2040(board_support.build(tmp_path, "rp2040.uf2")) as told:
         identity, heard = first_rows(told["port"], 66)
     assert (identity.name, identity.electrodes, identity.max_scan) == ("rp2040", 64, 64)
     assert told["device"][8:12] == [0x09, 0x12, 0x01, 0x00]  # vendor and product
@@ -405,8 +395,8 @@ def test_the_board_with_usb_speaks_in_the_emulator(tmp_path):
 @needs_qemu
 def test_the_board_to_be_bought_speaks_in_the_emulator(tmp_path):
     """QEMU's STM32F405 has its time, its converter (each conversion 7 more) and its line."""
-    image = qemu_board.build(tmp_path, "stm32f4.elf", BOARDFLAGS="-DEMULATED")
-    with qemu_board.running(image, "-serial", "null", machine="netduinoplus2") as port:
+    image = board_support.build(tmp_path, "stm32f4.elf", BOARDFLAGS="-DEMULATED")
+    with board_support.running(image, "-serial", "null", machine="netduinoplus2") as port:
         identity, heard = first_rows(int(port.rpartition(":")[2]), 2)
     assert (identity.name, identity.electrodes, identity.max_scan) == ("stm32f4", 64, 64)
     (fault,) = [packet for packet in heard if isinstance(packet, protocol.Error)]

@@ -2,7 +2,7 @@
 // device answers to the requests that the emulator's own host does not ask (JSON, one line):
 //
 //     npm install -g rp2040js
-//     NODE_PATH=$(npm root -g) node benchmark/rp2040_board.cjs out/rp2040.uf2
+//     NODE_PATH=$(npm root -g) node test/rp2040_board.cjs out/rp2040.uf2
 //
 // The emulator knows the whole way from boot2 to the USB controller; its time is its own and runs
 // several times slower than a host's. A conversion gives `reading(grounded, selected)`.
