@@ -104,6 +104,11 @@ class Judge:
             self._times.append((frame.sequence, now, frame.stamp - unix + now))
         self.arrived.set()
 
+    @property
+    def sequences(self) -> list[int]:
+        """Of the right frames."""
+        return [sequence for sequence, _, _ in self._times]
+
     def times(self, source: Sensor) -> tuple[np.ndarray, np.ndarray]:
         """Of each right frame, s: from its true begin to its arrival; its stamp minus that begin.
 

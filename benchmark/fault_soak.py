@@ -9,15 +9,16 @@ import sys
 import tempfile
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
-from fault_sensor import sensor
+from fault_sensor import Judge, sensor
 from nodes import Nodes, arguments
-from sensor import SCALE, readings
 
 from tomotactile_ros.bench.tables import markdown
 from tomotactile_ros.layouts.layout import equal_grid
 from tomotactile_ros.msg import VoltageFrame
+from tomotactile_ros.nodes.conversions import stamp_of
 
 BUFFER = 1 << 19  # of a microcontroller with half a megabyte to spare
 NAMESPACE = f"/soak_{os.getpid()}"  # nobody else's frames
@@ -39,16 +40,12 @@ def soak(options: argparse.Namespace) -> None:
 
 def one_soak(side: int, rate: float, options: argparse.Namespace) -> dict[str, str]:
     """One sensor on the driver node; a column of the table."""
-    arrivals: list[tuple[int, float]] = []
-    wrong = 0
+    judge = Judge(side * side)
 
     def take(message: VoltageFrame) -> None:
-        nonlocal wrong
-        arrivals.append((message.sequence, time.monotonic()))
-        counts = np.frombuffer(message.voltages, np.float32) / np.float32(SCALE)
-        counts -= readings(message.sequence, side * side).ravel()
-        with np.errstate(invalid="ignore"):
-            wrong += int((np.abs(counts) > 0.1).sum())
+        voltages = np.frombuffer(message.voltages, np.float32).reshape(-1, side * side)
+        stamp = stamp_of(message.header)
+        judge(SimpleNamespace(sequence=message.sequence, voltages=voltages, stamp=stamp))
 
     with contextlib.ExitStack() as stack:
         folder = stack.enter_context(tempfile.TemporaryDirectory())
@@ -61,30 +58,28 @@ def one_soak(side: int, rate: float, options: argparse.Namespace) -> dict[str, s
         words = arguments({"layout": layout, "device": "serial", "rate": rate, "port": port})
         nodes = stack.enter_context(Nodes([("driver", "-r", f"__ns:={NAMESPACE}", *words)]))
         nodes.node.create_subscription(VoltageFrame, f"{NAMESPACE}/voltage_frame", take, 100)
-        nodes.spin(lambda: bool(arrivals))
+        nodes.spin(lambda: judge.frames > 0)
         begin, used = time.monotonic(), nodes.processor_seconds()
         memory, files = [], []
         while time.monotonic() < begin + 60 * options.minutes:
             memory.append(nodes.megabytes())
             files.append(len(os.listdir(f"/proc/{nodes.children[0].pid}/fd")))
-            print(f"{len(arrivals)} frames, {wrong} wrong, {memory[-1]:.2f} MB", file=sys.stderr)
+            print(f"{judge.frames} frames, {memory[-1]:.2f} MB", file=sys.stderr)
             nodes.spin_for(SAMPLE)
         used = (nodes.processor_seconds() - used) / (time.monotonic() - begin)
         counters = next(
             each for name, each in nodes.heard.items() if name.startswith(NAMESPACE.strip("/"))
         )
-    begins = np.array([source.begin_of(*arrival) for arrival in arrivals])
-    ages = np.array([now for _, now in arrivals]) - begins - 1 / source.starts[-1][2]
-    spread = 1e3 * np.quantile(ages[np.isfinite(ages)], (0.5, 0.99, 0.999, 1.0))
-    sequences = [sequence for sequence, _ in arrivals]
-    missed = sequences[-1] - sequences[0] + 1 - len(set(sequences))
+    ages = judge.times(source)[0] - 1 / source.starts[-1][2]
+    spread = 1e3 * np.quantile(ages, (0.5, 0.99, 0.999, 1.0))
+    missed = judge.sequences[-1] - judge.sequences[0] + 1 - len(set(judge.sequences))
     lost = {name: int(float(counters[name])) for name in IN_DRIVER}
     minute = round(60 / SAMPLE)
     return {
-        "frames that arrived": f"{len(arrivals):,}",
+        "frames that arrived": f"{judge.frames:,}",
         "frames lost, incomplete, too old in the driver": ", ".join(map(str, lost.values())),
         "published, and not arrived": f"{missed - sum(lost.values())}",
-        "wrong readings": f"{wrong}",
+        "wrong readings": f"{judge.wrong_readings}",
         "rows that the sensor dropped": f"{source.dropped}",
         "age at the subscriber, p50 / p99 / p99.9 / longest, ms": " / ".join(
             f"{each:.2f}" for each in spread

@@ -100,7 +100,7 @@ def measured(case):
     cells.append(f"{law.coefficient / LAW.coefficient:.3f}")
     for key, unit, digits, _ in KINDS:
         cells += [f"{unit * value:.{digits}f}" for value in errors[key]]
-    cells += [f"{findings.anisotropy(learned.state, learned.operator)[0]:.3f}", f"{seconds:.2f}"]
+    cells.append(f"{seconds:.2f}")
     course = [compared(state, learned.operator, case, layout) for state in learned.courses]
     return cells, course
 
@@ -179,7 +179,7 @@ def main():
     learned = [
         name for words in ("gains %", "to ground ohm", "sheet %") for name in (words, "bound")
     ]
-    header = ("sensor", "touches", *scoring.HEADER, "factor", *learned, "ratio", "s a frame")
+    header = ("sensor", "touches", *scoring.HEADER, "factor", *learned, "s a frame")
     print("\n".join(tables.markdown(header, rows)))
     if args.plot:
         save_plot(args.plot, courses)

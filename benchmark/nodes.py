@@ -77,6 +77,12 @@ class Nodes:
             ticks += int(words[11]) + int(words[12])
         return ticks / os.sysconf("SC_CLK_TCK")
 
+    def usage(self, seconds: float, name: str = "") -> float:
+        """Serve callbacks for so long; what these processes took meanwhile, in parts of one processor."""
+        begin, before = time.monotonic(), self.processor_seconds(name)
+        self.spin_for(seconds)
+        return (self.processor_seconds(name) - before) / (time.monotonic() - begin)
+
     def megabytes(self) -> float:
         """Memory of all processes, of what they have in common with others their share (PSS)."""
         lines = []

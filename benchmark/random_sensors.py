@@ -19,7 +19,7 @@ from dataclasses import replace
 import numpy as np
 
 import tomotactile_ros as tt
-from tomotactile_ros.evaluation.scoring import FrameScore, score_frame
+from tomotactile_ros.evaluation.scoring import score_frame
 from tomotactile_ros.layouts.layout import equal_grid
 from tomotactile_ros.scenes.channels import Channels
 from tomotactile_ros.scenes.contact import Contact, ContactLaw
@@ -45,15 +45,15 @@ class Sensor:
         radius = pitch * draw.uniform(0.05, 0.2)
         resistance = 10 ** draw.uniform(2.5, 5.5)
         self.layout = equal_grid(rows, columns, (width, height), radius, resistance)
-        self.drive = float(draw.choice([1.0, 3.3, 5.0]))
+        drive = float(draw.choice([1.0, 3.3, 5.0]))
         self.pitch = min(width / (columns - 1), height / (rows - 1))
         count = int(draw.integers(1, 4))
-        self.law = ContactLaw(1 / resistance * (0.025 / pitch) ** 2, 1.0)
-        self.contacts = self._contacts(draw, count, width, height)
+        law = ContactLaw(1 / resistance * (0.025 / pitch) ** 2, 1.0)
+        contacts = self._contacts(draw, count, np.array([width, height]))
         self.period = rows * columns * ROW_PERIOD
         begins = int(draw.integers(0, 3)) > 0
-        starts = [self.period * draw.uniform(1, 2) if begins else 0.0 for _ in self.contacts]
-        self.contacts = [replace(c, start=start) for c, start in zip(self.contacts, starts)]
+        starts = [self.period * draw.uniform(1, 2) if begins else 0.0 for _ in contacts]
+        contacts = [replace(c, start=start) for c, start in zip(contacts, starts)]
         gains, uneven = float(draw.choice([0, 0, 0.02])), float(draw.choice([0, 0.1, 0.2]))
         defects = Defects()
         if gains:
@@ -62,46 +62,27 @@ class Sensor:
         if uneven:
             variation = SheetVariation(uneven, max(width, height) / 4, number)
             defects = replace(defects, sheet_variation=variation)
-        self.scene = Scene(
-            f"random {number}",
-            self.drive,
-            tuple(self.contacts),
-            contact_law=self.law,
-            noise=Noise(rms=self.drive * NOISE),
-            adc=Adc(bits=BITS, range=self.drive),
-            defects=defects,
-        )
+        noise, adc = Noise(rms=drive * NOISE), Adc(bits=BITS, range=drive)
+        name = f"random {number}"
+        self.scene = Scene(name, drive, tuple(contacts), law, noise, adc, defects)
         self.text = (
             f"{number:3} {rows} x {columns}, {1e3 * pitch:2.0f} mm, {resistance / 1e3:5.1f} kohm, "
             f"gains {gains:.0%}, uneven {uneven:3.0%}, {count} {'begin' if begins else 'rest '}"
         )
 
-    def _contacts(self, draw, count, width, height):
-        margin = 0.3 * self.pitch
-        low = np.array([-width / 2 + margin, -height / 2 + margin])
+    def _contacts(self, draw, count, size):
+        half = size / 2 - 0.3 * self.pitch
         found: list[Contact] = []
         for _ in range(200):
             if len(found) == count:
                 break
-            center = draw.uniform(low, -low)
+            center = draw.uniform(-half, half)
             apart = [np.hypot(*(center - np.array(other.center))) for other in found]
             if min(apart, default=np.inf) > 2.2 * self.pitch:
                 radius = self.pitch * draw.uniform(0.12, 0.4)
                 pressure = 2e4 * 10 ** draw.uniform(-0.5, 0.5)
-                found.append(
-                    Contact("disc", center=tuple(center), radius=radius, pressure=pressure)
-                )
+                found.append(Contact("disc", tuple(center), radius=radius, pressure=pressure))
         return found
-
-
-def judged(sensor: Sensor, result, when: float) -> FrameScore:
-    """Of the result of a frame, which holds for the time `when`, s."""
-    truth = [
-        {"x": c.center[0], "y": c.center[1], "force": c.pressure * np.pi * c.radius**2}
-        for c in sensor.contacts
-        if c.start <= when
-    ]
-    return score_frame(result.contacts, truth, reach=REACH * sensor.pitch)
 
 
 def main():
@@ -116,8 +97,8 @@ def main():
         simulator = Simulator(sensor.layout, sensor.scene, model="fem")
         settings = tt.Settings(
             asked.profile,
-            noise=sensor.drive * NOISE,
-            contact_law=sensor.law,
+            noise=sensor.scene.noise.rms,
+            contact_law=sensor.scene.contact_law,
             contact_radius=0.25 * sensor.pitch,
         )
         pipeline = tt.Pipeline(sensor.layout, settings)
@@ -125,20 +106,21 @@ def main():
             start = i * sensor.period
             frame = simulator.frame(start, i)
             begun = time.process_time()
-            result = pipeline.process(frame, simulator.grounded, sensor.drive, ROW_PERIOD, start)
+            result = pipeline.process(
+                frame, simulator.grounded, sensor.scene.drive_voltage, ROW_PERIOD, start
+            )
             times.append(1e3 * (time.process_time() - begun))
             if result.reason:
                 withheld += 1
                 said.append("withheld")
                 continue
-            score = judged(sensor, result, start + result.holds)
+            truth = sensor.scene.truth(start + result.holds)
+            score = score_frame(result.contacts, truth, reach=REACH * sensor.pitch)
             scores.append(score)
             places += (score.place / sensor.pitch).tolist()
-            ghosts = score.ghosts + score.doubled
-            wrong = f" {ghosts} ghosts" * (ghosts > 0) + f" {score.missed} missed" * (
-                score.missed > 0
-            )
-            said.append(f"{len(result.contacts)}/{score.true}{wrong}")
+            wrong = {"ghosts": score.ghosts + score.doubled, "missed": score.missed}
+            words = "".join(f" {number} {what}" for what, number in wrong.items() if number)
+            said.append(f"{len(result.contacts)}/{score.true}{words}")
         print(f"{sensor.text} | {', '.join(said)}", flush=True)
     forces = 100 * np.concatenate([score.force for score in scores])
     spread = (
@@ -146,7 +128,7 @@ def main():
         for values, digits in ((places, 3), (forces, 1), (times, 0))
     )
     print(
-        f"\n{len(scores) + withheld} frames of {asked.count} sensors, {asked.profile}: "
+        f"\n{len(times)} frames of {asked.count} sensors, {asked.profile}: "
         f"{sum(score.ghosts + score.doubled for score in scores)} ghosts, "
         f"{sum(score.missed for score in scores)} missed, {withheld} withheld; median / p95: "
         "place {} spacings, force {} %, time {} ms of processor".format(*spread)

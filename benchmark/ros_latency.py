@@ -16,7 +16,6 @@ import time
 import numpy as np
 from sensor_msgs.msg import Image
 
-from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.msg import ContactArray
 from tomotactile_ros.nodes.conversions import stamp_of
 
@@ -24,6 +23,7 @@ sys.path.insert(0, os.path.dirname(__file__))  # scripts/setup keeps Python from
 
 from nodes import Nodes, arguments
 
+SENSOR, ELECTRODES = {"layout": "equal-8x8", "scene": "two-points", "profile": "fast"}, 64
 WARM_UP = 8.0  # s: a process of their own prepares for frames where rows are followed
 SYSTEMS = {"two processes": ("driver", "reconstruction"), "composed": ("tactile",)}
 OF_ROWS = {"followed/s": "rows_per_second", "lost": "rows_lost", "skipped": "rows_skipped"}
@@ -35,9 +35,6 @@ def main() -> None:
     parser.add_argument("--rate", type=float, nargs="+", default=[15.625, 200.0], help="frames/s")
     parser.add_argument("--seconds", type=float, default=30.0, help="of each measurement")
     parser.add_argument("--system", nargs="+", choices=SYSTEMS, default=list(SYSTEMS))
-    parser.add_argument("--profile", default="fast")
-    parser.add_argument("--layout", default="equal-8x8")
-    parser.add_argument("--scene", default="two-points")
     parser.add_argument("--rows", type=int, default=0, help="in a message; 0: whole frames")
     parser.add_argument("--publish-every", type=int, help="rows between contacts; N of --rows")
     options = parser.parse_args()
@@ -55,14 +52,13 @@ def main() -> None:
 def measure(system: str, rate: float, options: argparse.Namespace) -> list[float]:
     """Messages/s, latency p50, p99 and largest (ms), processor (% of a core), MB, MB grown; of rows also
     how many are followed a second, and how many were lost and left out in all."""
-    given = {name: getattr(options, name) for name in ("layout", "scene", "profile")}
-    given["rate"] = rate
+    given: dict = SENSOR | {"rate": rate}
     if options.rows:
         given |= {"delivery": "rows", "rows_per_message": options.rows}
         given |= {"publish_every": options.publish_every or options.rows}
     lasts = 1.0 / rate  # s until what carries the stamp has ended
     if options.rows:
-        lasts /= load_layout(options.layout).electrodes
+        lasts /= ELECTRODES
     latencies: list[float] = []
 
     def on_message(message) -> None:
@@ -76,15 +72,13 @@ def measure(system: str, rate: float, options: argparse.Namespace) -> list[float
         nodes.spin(lambda: len(latencies) >= 2 * rate)
         nodes.spin_for(WARM_UP)
         latencies.clear()
-        start, used, memory = time.monotonic(), nodes.processor_seconds(), nodes.megabytes()
-        nodes.spin_for(options.seconds)
-        elapsed = time.monotonic() - start
-        cpu = 100 * (nodes.processor_seconds() - used) / elapsed
+        memory = nodes.megabytes()
+        cpu = 100 * nodes.usage(options.seconds)
         now = nodes.megabytes()
     said = {key: value for values in nodes.heard.values() for key, value in values.items()}
     rows = [float(said.get(key, "nan")) for key in OF_ROWS.values()] if options.rows else []
     quantiles = 1e3 * np.quantile(latencies, (0.5, 0.99, 1.0))
-    return [len(latencies) / elapsed, *quantiles, cpu, now, now - memory, *rows]
+    return [len(latencies) / options.seconds, *quantiles, cpu, now, now - memory, *rows]
 
 
 if __name__ == "__main__":

@@ -12,7 +12,6 @@ import os
 import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +20,7 @@ sys.path.insert(0, os.path.dirname(__file__))  # scripts/setup keeps Python from
 
 from nodes import FOLDER, Nodes, arguments
 
+LAYOUT = "equal-4x4"
 SYSTEMS = ("one process", "one each", "two each")
 WARM_UP = 8.0  # s after the last sensor has begun
 
@@ -30,16 +30,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--sensors", type=int, nargs="+", default=[1, 2, 4, 8])
     parser.add_argument("--system", nargs="+", choices=SYSTEMS, default=list(SYSTEMS))
-    parser.add_argument("--layout", default="equal-4x4")
-    parser.add_argument("--scene", default="two-points")
-    parser.add_argument("--profile", default="fast")
     parser.add_argument("--seconds", type=float, default=20.0, help="of each measurement")
     parser.add_argument("--core", type=int, help="hold each program to this processor")
     options = parser.parse_args()
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     with tempfile.TemporaryDirectory() as folder:
         recording = Path(folder, "frames.npz")
-        words = ["--layout", options.layout, "--scene", options.scene, "--frames", "250"]
+        words = ["--layout", LAYOUT, "--scene", "two-points", "--frames", "250"]
         subprocess.run([FOLDER / "tomotactile", "simulate", *words, "--out", recording], check=True)
         with np.load(recording) as file:  # its truth, read in every round, is no work of a sensor
             arrays = {key: value for key, value in file.items() if key != "truth"}
@@ -57,8 +54,13 @@ def main() -> None:
 def measure(system: str, count: int, recording: Path, options: argparse.Namespace) -> list[str]:
     """One row of the table."""
     names = [f"sensor{k}" for k in range(count)]
-    given = {"layout": options.layout, "profile": options.profile}
-    given |= {"device": "replay", "recording": recording, "loop": True}
+    given = {
+        "layout": LAYOUT,
+        "profile": "fast",
+        "device": "replay",
+        "recording": recording,
+        "loop": True,
+    }
     words = arguments(given)
     if system == "one process":
         commands = [["sensors", *words, "-p", f"sensors:=[{', '.join(names)}]"]]
@@ -76,9 +78,7 @@ def measure(system: str, count: int, recording: Path, options: argparse.Namespac
 
         nodes.spin(lambda: len(told()) == count)
         nodes.spin_for(WARM_UP)
-        before, begin = nodes.processor_seconds(), time.monotonic()
-        nodes.spin_for(options.seconds)
-        used = (nodes.processor_seconds() - before) / (time.monotonic() - begin)
+        used = nodes.usage(options.seconds)
         memory = nodes.megabytes()
     reached, p50, p99 = (
         np.array([float(values[key]) for values in told()])

@@ -56,9 +56,7 @@ def measure(nodes: Nodes, what: str) -> str:
     """Share of a processor, and the rate of images at its end."""
     nodes.spin(lambda: IMAGES in nodes.heard)
     nodes.spin_for(WARM_UP)
-    before = nodes.processor_seconds("viewer")
-    nodes.spin_for(SECONDS)
-    share = (nodes.processor_seconds("viewer") - before) / SECONDS
+    share = nodes.usage(SECONDS, "viewer")
     return f"{what}: {share:.1%} of a core at {nodes.heard[IMAGES]['rate_reached']} images/s"
 
 

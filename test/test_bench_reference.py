@@ -84,18 +84,6 @@ def test_a_poor_contact_over_the_whole_sheet_feeds_its_area():
     assert state.drive.sum() == pytest.approx(g * 0.01, rel=1e-6)
 
 
-def test_conductance_that_varies_inside_a_contact():
-    """A Hertz pressure has two thirds of the current of its peak, and its own centre."""
-    radius, peak = 0.006, 1e-6
-
-    def hertz(points):
-        apart = ((points - PLACE) ** 2).sum(axis=1) / radius**2
-        return peak * np.sqrt(np.maximum(1 - apart, 0))
-
-    state = ReferenceSheet(GRID).solve([(disc(PLACE, radius), hertz)])
-    assert state.drive.sum() == pytest.approx(2 / 3 * peak * np.pi * radius**2, rel=2e-3)
-
-
 def test_other_outlines_turn_with_their_contacts():
     """A ring of electrodes on a circle: turned by one electrode, readings move by one."""
     angle = 2 * np.pi * np.arange(6) / 6

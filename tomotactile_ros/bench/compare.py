@@ -47,9 +47,9 @@ def ratios(result: dict) -> dict[str, float]:
     for row in result["trade"]:
         for sensor, frame in row["frame"].items():
             words = "frame" if sensor == "textbook" else f"{sensor} frame"
-            out[f"{words}, {_name(row)}"] = frame["relative"]["ratio"]
-        out[f"set-up, {row['layout']}"] = row["setup"]["relative"]["ratio"]
-    return out | {name: found["ratio"] for name, found in result["peers"]["ratios"].items()}
+            out[f"{words}, {_name(row)}"] = frame["relative"]
+        out[f"set-up, {row['layout']}"] = row["setup"]["relative"]
+    return out | result["peers"]["ratios"]
 
 
 def different_accuracy(one: dict, other: dict) -> Iterator[str]:

@@ -69,7 +69,7 @@ def compare(trials: Trials) -> dict:
         if one in times
     }
     if "setup" in found["pyeit"]:
-        ratios["pyeit / fast, set-up"] = {"ratio": found["pyeit"]["setup"] / min(setups)}
+        ratios["pyeit / fast, set-up"] = found["pyeit"]["setup"] / min(setups)
     return {"problem": found, "ratios": ratios}
 
 

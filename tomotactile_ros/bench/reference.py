@@ -39,7 +39,6 @@ from tomotactile_ros.scenes.contact import Contact
 from tomotactile_ros.support.errors import InputError
 
 Conductance = Callable[[np.ndarray], np.ndarray]  # S (n,) or (n, 2, 2) at points (n, 2), m
-Flow = float | Callable[[np.ndarray], np.ndarray]  # S/m^2, or a function of points (n, 2) -> (n,)
 _LAYERS = 0.5  # elements along a rim per length in which the potential falls under a contact
 
 
@@ -106,10 +105,10 @@ class ReferenceSheet:
         self.lines = lines
         self._conductance = conductance
 
-    def solve(self, contacts: Sequence[tuple[Shape | Contact | ArrayLike, Flow]]) -> Admittance:
+    def solve(self, contacts: Sequence[tuple[Shape | Contact | ArrayLike, float]]) -> Admittance:
         """What the electrodes see of `contacts`.
 
-        Each is a form and its conductance per area. Forms are `disc(...)`, an `Ellipse`, a
+        Each is a form and its conductance per area, S/m^2. Forms are `disc(...)`, an `Ellipse`, a
         `Region`, a `Contact` or the corners (V, 2) of a polygon; where they overlap they conduct
         side by side. A conductance of infinity is a bare conductor at the drive voltage; it may not
         touch an electrode. What lies outside the outline does not touch.
@@ -123,7 +122,7 @@ class ReferenceSheet:
         layer = np.zeros(basis.N)
         for shape, flow in placed:
             inside = np.flatnonzero(shape.contains(centres))
-            if not callable(flow) and np.isinf(flow):
+            if np.isinf(flow):
                 held = basis.element_dofs[:, inside]
                 if (group[held] >= 0).any():
                     raise InputError("contacts: a bare conductor touches an electrode")
@@ -139,9 +138,8 @@ class ReferenceSheet:
         sizes = []
         for shape, flow in contacts:
             size = rim_size(self.layout, shape, self.h)
-            strongest = _strongest(shape, flow)
-            if 0 < strongest < np.inf:
-                depth = (self.layout.sheet_resistance * strongest) ** -0.5
+            if 0 < flow < np.inf:
+                depth = (self.layout.sheet_resistance * flow) ** -0.5
                 size = min(size, _LAYERS * depth * self.h / default_size(self.layout))
             sizes.append(size)
         shapes = [shape for shape, _ in contacts]
@@ -236,30 +234,16 @@ def _shape(form) -> Shape:
     return Region(np.asarray(form, float))
 
 
-def _strongest(shape, flow):
-    """S/m^2, or nearly: the largest conductance per area of a contact."""
-    if not callable(flow):
-        return float(flow)
-    if isinstance(shape, Region):
-        return float(np.max(flow(np.vstack([shape.shell, shape.centroid]))))
-    return float(np.max(flow(np.array([shape.center]))))
-
-
 def _mass(mesh, elements, flow):
     """Integral of g u v over `elements`."""
     skfem = _skfem()
     basis = skfem.Basis(mesh, skfem.ElementTriP2(), intorder=6, elements=elements)
-    points = np.asarray(basis.global_coordinates())
-    if callable(flow):
-        values = np.asarray(flow(points.reshape(2, -1).T), float).reshape(points.shape[1:])
-    else:
-        values = np.full(points.shape[1:], float(flow))
 
     @skfem.BilinearForm
     def form(u, v, w):
-        return w.g * u * v
+        return flow * u * v
 
-    return form.assemble(basis, g=values).tocsr()
+    return form.assemble(basis).tocsr()
 
 
 def _schur(matrix, layer, group, count) -> Admittance:

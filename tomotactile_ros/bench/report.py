@@ -87,12 +87,7 @@ def _peers(peers):
     measured = ((name, found) for name, found in problem.items() if "skipped" not in found)
     yield from tables.text(header, (_peer(*each) for each in measured))
     yield from (found["skipped"] for found in problem.values() if "skipped" in found)
-    for name, found in peers["ratios"].items():
-        text = f"{name}: {found['ratio']:.3g}"
-        if "rounds" in found:
-            quartiles = "{low:.3g}, {median:.3g} and {high:.3g}".format(**found)
-            text += f" (quartiles of {found['rounds']} single rounds: {quartiles})"
-        yield text
+    yield from (f"{name}: {ratio:.3g}" for name, ratio in peers["ratios"].items())
 
 
 def _peer(name, found):

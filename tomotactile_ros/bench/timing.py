@@ -110,13 +110,9 @@ def undisturbed(times: Times) -> float:
     return float(np.median(np.min(np.concatenate(times)[..., 1], axis=0)))
 
 
-def ratio(numerator: Times, denominator: Times) -> dict[str, float]:
-    """Ratio of undisturbed times that were measured in turn; median and quartiles of single
-    rounds."""
-    each = [undisturbed([a]) / undisturbed([b]) for a, b in zip(numerator, denominator)]
-    low, median, high = np.percentile(each, [25, 50, 75])
-    of_all = undisturbed(numerator) / undisturbed(denominator)
-    return {"ratio": of_all, "low": low, "median": median, "high": high, "rounds": len(each)}
+def ratio(numerator: Times, denominator: Times) -> float:
+    """Of undisturbed times that were measured in turn."""
+    return undisturbed(numerator) / undisturbed(denominator)
 
 
 def afresh(make: Call) -> Any:
