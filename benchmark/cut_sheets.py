@@ -23,11 +23,10 @@ from tomotactile_ros.bench.sensor import tables
 from tomotactile_ros.bench.sensor.states import solved
 from tomotactile_ros.bench.sensor.trial import judge, presses
 from tomotactile_ros.bench.tables import text
-from tomotactile_ros.bench.trials import DRIVE, LAW, NOISE
+from tomotactile_ros.bench.trials import DRIVE, NOISE, make_pipeline
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.learning.recorded import learn
-from tomotactile_ros.reconstruction import Pipeline, Settings
 
 RADIUS, SLIT = 0.006, 0.0005  # m, of contacts, and how wide a tear gapes
 
@@ -81,21 +80,18 @@ def main():
     args = parser.parse_args()
     if not set(args.cases) <= set(CASES):
         parser.error(f"CASE: one of {', '.join(CASES)} is needed")
-    settings = Settings("accurate", noise=NOISE, contact_law=LAW)
     rows = []
     for name in args.cases or CASES:
         drawn, made = CASES[name]
         sheet, random = ReferenceSheet(made), np.random.default_rng(3)
         judging = solved(sheet, pressed(made, random, args.presses))
         trial = replace(presses(name, judging), layout=drawn)
-        methods = {
-            each: Pipeline(drawn, replace(settings, profile=each)) for each in ("fast", "accurate")
-        }
+        methods = {each: make_pipeline(drawn, each) for each in ("fast", "accurate")}
         if args.touches:
             touched = presses(name, solved(sheet, pressed(made, random, args.touches)))
             frames = np.where(np.eye(len(drawn.positions), dtype=bool), np.nan, touched.frames)
             state = learn(drawn, frames, drawn.grounded, DRIVE, noise=NOISE).state
-            methods["learned"] = Pipeline(drawn, settings, sensor=state)
+            methods["learned"] = make_pipeline(drawn, sensor=state)
         for method, pipeline in methods.items():
             found = judge(pipeline, trial)
             rows.append([name, method, *tables.cells(found)])

@@ -24,8 +24,7 @@ from tomotactile_ros.bench.sensor.readings import Wiring, potentials, readings, 
 from tomotactile_ros.bench.sensor.states import states
 from tomotactile_ros.bench.sensor.trial import Trial, judged
 from tomotactile_ros.bench.tables import markdown
-from tomotactile_ros.bench.trials import DRIVE, LAW, NOISE
-from tomotactile_ros.reconstruction import Pipeline, Settings
+from tomotactile_ros.bench.trials import DRIVE, make_pipeline
 from tomotactile_ros.scenes.channels import Channels, Rms
 
 CASES = {  # family, case and wiring
@@ -54,12 +53,8 @@ def times(family: str, case: str | None, wiring: str, profile: str, most: int):
         touched = potentials(seen, wires)
         both = nothing, nothing, touched, touched, touched, touched
         frames += [readings(each, wires, (number, k)) for k, each in enumerate(both)]
-    found = judged(pipeline_of(pressed.layout, profile), trial_of(pressed.layout, frames, []))
+    found = judged(make_pipeline(pressed.layout, profile), trial_of(pressed.layout, frames, []))
     return 1e3 * np.reshape([each.seconds for each in found], (-1, 6)).T
-
-
-def pipeline_of(layout, profile: str) -> Pipeline:
-    return Pipeline(layout, Settings(profile, noise=NOISE, contact_law=LAW))
 
 
 def trial_of(layout, frames: list, truth: list) -> Trial:
@@ -71,7 +66,7 @@ def alarms(idle: int, pressed: int, profile: str):
     """Rows of frames, those with false contacts, with missed ones, and withheld."""
     touched = states("textbook-8x8")
     layout, nothing = touched.layout, untouched(touched.layout.electrodes)
-    pipeline = pipeline_of(layout, profile)
+    pipeline = make_pipeline(layout, profile)
     tally = {"idle": np.zeros(4, int), "pressed": np.zeros(4, int)}
 
     def count(kind, frames, truth):

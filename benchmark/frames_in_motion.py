@@ -27,13 +27,12 @@ import numpy as np
 
 from tomotactile_ros.bench.sensor import tables
 from tomotactile_ros.bench.tables import markdown
-from tomotactile_ros.bench.trials import DRIVE, LAW, NOISE
+from tomotactile_ros.bench.trials import DRIVE, make_pipeline, make_scene
 from tomotactile_ros.evaluation import scoring
 from tomotactile_ros.layouts.layout import Layout, load_layout
-from tomotactile_ros.reconstruction import Pipeline, Settings
+from tomotactile_ros.reconstruction import Pipeline
 from tomotactile_ros.scenes.contact import Contact
 from tomotactile_ros.scenes.course import Tap
-from tomotactile_ros.scenes.defects import Adc, Noise
 from tomotactile_ros.scenes.scene import Scene
 from tomotactile_ros.simulation import ROW_PERIOD, Simulator
 
@@ -71,9 +70,7 @@ def scene_of(kind: str, layout: Layout, draw: np.random.Generator, lasts: float)
         )  # fmt: skip
     resting = Contact("disc", places[2], force=draw.uniform(0.5, 5.0), radius=0.006)
     contacts = (moving, resting) if "beside" in kind else (moving,)
-    return Scene(
-        kind, DRIVE, contacts, LAW, Noise(NOISE, int(draw.integers(1 << 30))), Adc(12, DRIVE)
-    )
+    return make_scene(contacts, int(draw.integers(1 << 30)))
 
 
 def judged(result, scene: Scene, at: float) -> scoring.FrameScore:
@@ -117,7 +114,6 @@ def main() -> None:
     given = parser.parse_args()
     layout = load_layout(given.layout)
     lasts, grounded = layout.electrodes * ROW_PERIOD, np.arange(layout.electrodes)
-    settings = Settings("accurate", noise=NOISE, contact_law=LAW)
     follow, rows = _by_rows if given.rows else _by_frames, []
     for place, kind in enumerate(KINDS):
         scores, times = [], []
@@ -128,7 +124,7 @@ def main() -> None:
             ends = scene.contacts[0].start + 0.3 if np.isinf(ends) else ends
             count = int(np.ceil(ends / lasts)) + 2
             frames = [(i * lasts, simulator.frame(i * lasts, i)) for i in range(count)]
-            for result, at, took in follow(Pipeline(layout, settings), frames, grounded):
+            for result, at, took in follow(make_pipeline(layout), frames, grounded):
                 times.append(1e3 * took)
                 if not result.reason:
                     scores.append(judged(result, scene, at))

@@ -21,8 +21,7 @@ import numpy as np
 
 from tomotactile_ros.bench.sensor.parts import PARTS
 from tomotactile_ros.bench.sensor.trial import Judged, judged
-from tomotactile_ros.bench.trials import LAW, NOISE
-from tomotactile_ros.reconstruction import Pipeline, Settings
+from tomotactile_ros.bench.trials import make_pipeline
 
 COLUMNS = [
     *("frames", "ghosts", "missed", "withheld", "place", "worst"),
@@ -80,8 +79,7 @@ def main() -> None:
     for part in given.parts:
         for trial in PARTS[part](given.step):
             if not trial.row_period:
-                settings = Settings("accurate", noise=NOISE, contact_law=LAW)
-                frames = list(judged(Pipeline(trial.layout, settings), trial))
+                frames = list(judged(make_pipeline(trial.layout), trial))
                 tell(f"{part}: {trial.case}", frames)
                 every += frames
     tell("all", every)

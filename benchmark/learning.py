@@ -25,11 +25,10 @@ from tomotactile_ros.bench.reference_cases import worn_sheets
 from tomotactile_ros.bench.sensor.readings import Wiring, potentials, readings
 from tomotactile_ros.bench.sensor.states import States, states
 from tomotactile_ros.bench.sensor.trial import judge, presses
-from tomotactile_ros.bench.trials import DRIVE, LAW, NOISE
+from tomotactile_ros.bench.trials import DRIVE, LAW, NOISE, make_pipeline
 from tomotactile_ros.evaluation import scoring
 from tomotactile_ros.learning import findings
 from tomotactile_ros.learning.recorded import learn
-from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.reconstruction.calibration import fit_contact_law
 from tomotactile_ros.scenes.channels import Channels, Rms, Uniform
 from tomotactile_ros.scenes.sheet_field import resistance_of
@@ -88,9 +87,8 @@ def measured(case):
     start = time.process_time()
     learned = learn(layout, trial.frames[:split], grounded, DRIVE, noise=NOISE, course=True)
     print(f"{case.name}, {case.touches}: {time.process_time() - start:.1f} s to learn", flush=True)
-    settings = Settings("accurate", noise=NOISE, contact_law=LAW)
-    law = calibrated(Pipeline(layout, settings, sensor=learned.state), touched, wiring, case)
-    pipeline = Pipeline(layout, replace(settings, contact_law=law), sensor=learned.state)
+    law = calibrated(make_pipeline(layout, sensor=learned.state), touched, wiring, case)
+    pipeline = make_pipeline(layout, sensor=learned.state, contact_law=law)
     rest = replace(trial, frames=trial.frames[split:], truths=trial.truths[split:])
     start = time.process_time()
     found = judge(pipeline, rest)

@@ -15,14 +15,13 @@ import argparse
 
 import numpy as np
 
-import tomotactile_ros as tt
-from tomotactile_ros.scenes.contact import Contact, ContactLaw
-from tomotactile_ros.scenes.scene import Adc, Noise, Scene
+from tomotactile_ros.bench.trials import DRIVE, LAW, make_pipeline, make_scene
+from tomotactile_ros.layouts.layout import load_layout
+from tomotactile_ros.scenes.contact import Contact
 from tomotactile_ros.simulation import Simulator
 
 RADII = 0.16, 0.32, 0.6, 1.2, 1.8  # spacings
 STRENGTHS = 0.3, 1.0, 2.0, 4.0, 8.0, 16.0  # g R_s / 2 pi
-DRIVE, NOISE = 3.3, 1e-3  # V
 
 
 def main() -> None:
@@ -31,22 +30,19 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=8, help="contacts in a row of the table")
     parser.add_argument("--profile", default="accurate")
     given = parser.parse_args()
-    layout = tt.load_layout(given.layout)
+    layout = load_layout(given.layout)
     pitch, half = float(np.median(layout.pitches)), np.array(layout.outline.size) / 2
-    law = ContactLaw(1e-4, 1.0)
-    settings = tt.Settings(given.profile, noise=NOISE, contact_law=law)
-    pipeline, draw = tt.Pipeline(layout, settings), np.random.default_rng(1)
+    pipeline, draw = make_pipeline(layout, given.profile), np.random.default_rng(1)
     print("radius mm  g R_s/2 pi  off by %: median  worst  said %: median  inf  held  other count")
     for radius in pitch * np.array(RADII):
         area = np.pi * radius**2
         for strength in STRENGTHS:
-            pressure = float(law.pressure(strength * 2 * np.pi / layout.sheet_resistance / area))
+            pressure = float(LAW.pressure(strength * 2 * np.pi / layout.sheet_resistance / area))
             off, said, held, others = [], [], 0, 0
             for _ in range(given.count):
                 centre = tuple(draw.uniform(radius - half, half - radius))
                 contact = Contact("disc", center=centre, radius=float(radius), pressure=pressure)
-                scene = Scene("one", DRIVE, (contact,), law, noise=Noise(NOISE), adc=Adc(12, DRIVE))
-                frame = Simulator(layout, scene, model="fem").frame(0.0, 0)
+                frame = Simulator(layout, make_scene([contact], 0), model="fem").frame(0.0, 0)
                 found = pipeline.process(frame, layout.grounded, DRIVE).contacts
                 if len(found) != 1:
                     others += 1

@@ -30,14 +30,12 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import numpy as np
 
 from tomotactile_ros.bench.tables import markdown
-from tomotactile_ros.bench.trials import DRIVE, LAW, NOISE
+from tomotactile_ros.bench.trials import DRIVE, make_pipeline, make_scene
 from tomotactile_ros.layouts.layout import Layout, load_layout
 from tomotactile_ros.layouts.scan_order import spread
-from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.scenes.channels import Channels, Rms, Uniform
 from tomotactile_ros.scenes.contact import Contact
-from tomotactile_ros.scenes.defects import Adc, Defects, Noise
-from tomotactile_ros.scenes.scene import Scene
+from tomotactile_ros.scenes.defects import Defects
 from tomotactile_ros.scenes.sheet_field import SheetVariation
 from tomotactile_ros.simulation import ROW_PERIOD, Simulator
 
@@ -122,7 +120,7 @@ class Sensor:
         self.late, self.sensor, self.layout = late, sensor, load_layout(layout)
         self.electrodes = self.layout.electrodes
         self._order = np.array(spread(self.layout.positions, range(self.electrodes)))
-        self.pipeline = Pipeline(self.layout, Settings("accurate", noise=NOISE, contact_law=LAW))
+        self.pipeline = make_pipeline(self.layout)
         self._clock = 0.0  # s, at which a scene begins
 
     def anywhere(self, random, *others) -> np.ndarray:
@@ -145,7 +143,7 @@ class Sensor:
 
     def _rows(self, contacts, frames, seed, costs) -> Iterator[Row]:
         wrong = defects(self.sensor, seed, self.electrodes)
-        scene = Scene("rows", DRIVE, contacts, LAW, Noise(NOISE, seed), Adc(12, DRIVE), wrong)
+        scene = make_scene(contacts, seed, wrong)
         layout = moved(self.layout, ASIDE[self.sensor], seed)
         simulator = Simulator(layout, scene, row_period=ROW_PERIOD)
         simulator.grounded = self._order

@@ -24,11 +24,10 @@ from tomotactile_ros.bench.sensor import changes
 from tomotactile_ros.bench.sensor.parts import WIRINGS, WORN
 from tomotactile_ros.bench.sensor.states import solved, states
 from tomotactile_ros.bench.sensor.trial import judge, presses
-from tomotactile_ros.bench.trials import DRIVE, LAW, NOISE
+from tomotactile_ros.bench.trials import DRIVE, NOISE, make_pipeline
 from tomotactile_ros.evaluation import scoring
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.learning.recorded import learn
-from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.reconstruction.settings import AUTO, UNKNOWN
 
 SPEED = 0.2  # m/s, of contacts that move
@@ -87,8 +86,7 @@ def main():
             trial = replace(trial, frames=trial.frames[-12:], truths=trial.truths[-12:])
         for left_out in (None, *UNKNOWN):
             unknown = tuple(each for each in UNKNOWN if each != left_out)
-            settings = Settings("accurate", noise=NOISE, contact_law=LAW, unknown=unknown)
-            pipeline = Pipeline(trial.layout, settings, sensor=sensor)
+            pipeline = make_pipeline(trial.layout, sensor=sensor, unknown=unknown)
             begun = time.process_time()
             found = judge(pipeline, trial)
             taken = 1e3 * (time.process_time() - begun) / len(trial.frames)

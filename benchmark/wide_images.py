@@ -7,7 +7,6 @@ the frames, with 1 mV of noise and 12 bits.
 """
 
 import argparse
-from dataclasses import replace
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -50,7 +49,7 @@ def main():
     left, bottom, right, top = 1e3 * np.array(layout.outline.bounds)
     for row, shape in zip(axes, SHAPES, strict=True):
         contact = Contact(**shape, pressure=PRESSURE)
-        frame = Simulator(layout, replace(make_scene(layout), contacts=(contact,))).frame(0.5)
+        frame = Simulator(layout, make_scene([contact])).frame(0.5)
         touched = contains_xy(Polygon(contact.vertices), *grid.centres.T).reshape(grid.shape)
         images = {"truth": PRESSURE * touched}
         for name, pipeline in pipelines.items():

@@ -32,7 +32,7 @@ from tomotactile_ros.bench.sensor.readings import untouched
 from tomotactile_ros.bench.sensor.trial import Trial
 from tomotactile_ros.commands import bench
 from tomotactile_ros.evaluation.scoring import score
-from tomotactile_ros.reconstruction import Pipeline, comparison
+from tomotactile_ros.reconstruction import comparison
 from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.support.yamlio import plain
 
@@ -79,7 +79,7 @@ def test_pairs_are_as_far_apart_as_they_say(made):
 
 
 def test_accuracy_is_the_same_every_time(made, row):
-    again = accuracy.measure(Pipeline(made.layout, CASE.settings), made)
+    again = accuracy.measure(CASE.pipeline(), made)
     assert {key: row[key] for key in again} == again
 
 
@@ -134,7 +134,7 @@ def test_ghosts_misses_and_withheld_frames_enter_the_accuracy():
 
 
 def test_peaks_of_images_are_scored_as_contacts():
-    grid = Pipeline(cases.find_layout("equal-4x4"), CASE.settings).grid
+    grid = CASE.pipeline().grid
     places = np.array([[0.03, 0.02], [-0.05, -0.03]])
     away = np.linalg.norm(grid.pixels[:, None] - places, axis=2)
     two = np.exp(-((away / 0.015) ** 2)).sum(axis=1)
@@ -147,7 +147,7 @@ def test_peaks_of_images_are_scored_as_contacts():
 
 def test_greit_is_the_matrix_of_least_mean_squared_error(made):
     """Against its normal equations, and on contacts that it was not trained with."""
-    grid = Pipeline(made.layout, CASE.settings).grid
+    grid = CASE.pipeline().grid
     trained = comparison.Greit(made.layout, grid)
     readings, wanted = trained._readings[trained.read], trained._wanted
     size = np.sqrt(np.mean(readings**2, axis=0))
@@ -165,7 +165,7 @@ def test_greit_is_the_matrix_of_least_mean_squared_error(made):
 
 def test_jac_is_the_damped_least_squares_image(made):
     """Against a stack of both sums of squares, and on contacts."""
-    grid = Pipeline(made.layout, CASE.settings).grid
+    grid = CASE.pipeline().grid
     step = comparison.Jac(made.layout, grid)
     sensitivity = step._sensitivity[step.read]
     frame = made.singles.frames[0]
@@ -250,7 +250,7 @@ def test_readme_without_the_comments_is_refused_and_kept(tmp_path, row, content,
 
 def test_the_lattice_has_two_triangles_in_every_pixel(made):
     nodes, triangles = libraries.lattice(made.layout, 40)
-    grid = Pipeline(made.layout, CASE.settings).grid
+    grid = CASE.pipeline().grid
     centres = nodes[triangles].mean(axis=1)
     for half in np.split(centres, 2):
         assert (np.abs(half - grid.pixels) < np.divide(grid.cell_size, 2)).all()

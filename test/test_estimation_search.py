@@ -372,7 +372,7 @@ def test_crowds_on_a_worn_sensor(count):
     places = np.array([(x, y) for x in lattice for y in lattice])
     places = places[random.permutation(16)[:count]] + random.uniform(-3e-3, 3e-3, (count, 2))
     layout = load_layout("equal-8x8")
-    (frame,) = record(layout, worn_scene(layout), [places]).frames
+    (frame,) = record(layout, worn_scene(), [places]).frames
     pipeline = Pipeline(layout, Settings("accurate", noise=NOISE, contact_law=bench.LAW))
     found = pipeline.process(frame, np.arange(64), bench.DRIVE).contacts
     apart = np.hypot(*(np.array([(c.x, c.y) for c in found])[:, None] - places).transpose(2, 0, 1))

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache
 
-from tomotactile_ros.bench.trials import LAW, NOISE
+from tomotactile_ros.bench.trials import make_pipeline
 from tomotactile_ros.layouts.layout import Layout, equal_grid, load_layout
-from tomotactile_ros.reconstruction import Settings
+from tomotactile_ros.reconstruction import Pipeline
 from tomotactile_ros.support.errors import InputError
 
 PROFILES = ("fast", "balanced", "accurate")
@@ -26,9 +26,8 @@ class Case:
     def __str__(self):
         return f"{self.layout}, {self.profile}"
 
-    @property
-    def settings(self) -> Settings:
-        return Settings(self.profile, noise=NOISE, contact_law=LAW)
+    def pipeline(self) -> Pipeline:
+        return make_pipeline(find_layout(self.layout), self.profile)
 
 
 CASES = (*(Case(DEFAULT_LAYOUT, profile) for profile in PROFILES), *map(Case, LAYOUTS))

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
@@ -95,8 +94,8 @@ def _crowd(layout: Layout, number: int) -> Scene:
         place = (0.8 * size) * (random.random(2) - 0.5)
         if all(np.hypot(*(place - other)) > 0.2 * size.max() for other in places):
             places.append(place)
-    contacts = tuple(
+    contacts = (
         Contact("disc", center=place.tolist(), radius=0.006, force=force)
         for place, force in zip(places, np.linspace(1.0, 5.0, number), strict=True)
     )
-    return replace(make_scene(layout), contacts=contacts)
+    return make_scene(contacts)

@@ -4,15 +4,13 @@ logarithmic scales."""
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from tomotactile_ros.bench import timing
-from tomotactile_ros.bench.cases import Case, find_layout
-from tomotactile_ros.bench.trials import DRIVE, make_scene, record
-from tomotactile_ros.reconstruction import Pipeline
+from tomotactile_ros.bench.cases import find_layout
+from tomotactile_ros.bench.trials import DRIVE, make_pipeline, make_scene, record
 
 ELECTRODES, RESOLUTIONS = (4, 8, 12), (20, 40, 80)  # to a side
 QUANTITIES = ("setup", "frame", "memory")
@@ -73,15 +71,14 @@ def _fitted(by, points):
 
 
 def _maker(side, resolution):
-    case = Case(f"equal-{side}x{side}")
-    settings = replace(case.settings, resolution=resolution)
-    return lambda: Pipeline(find_layout(case.layout), settings)
+    layout = find_layout(f"equal-{side}x{side}")
+    return lambda: make_pipeline(layout, "fast", resolution=resolution)
 
 
 def _frame(pipeline):
     """A function that reconstructs a frame of one contact."""
     layout = pipeline.layout
     place = np.array(layout.outline.size) * _PLACE
-    (frame,) = record(layout, make_scene(layout), [place[None]]).frames
+    (frame,) = record(layout, make_scene(), [place[None]]).frames
     everything = np.arange(layout.electrodes)
     return lambda: pipeline.process(frame, everything, DRIVE)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cache, partial
 
 import numpy as np
@@ -93,8 +93,12 @@ def _pipelines(cases):
     first: dict[str, Pipeline] = {}
     for case in cases:
         if case.layout not in first:
-            first[case.layout] = Pipeline(find_layout(case.layout), case.settings)
-    return [first[case.layout].with_settings(case.settings) for case in cases]
+            first[case.layout] = case.pipeline()
+    pipelines = [first[case.layout] for case in cases]
+    return [
+        each.with_settings(replace(each.settings, profile=case.profile))
+        for each, case in zip(pipelines, cases)
+    ]
 
 
 def _calls(pipeline, recordings, effort):
@@ -110,7 +114,7 @@ def _calls(pipeline, recordings, effort):
 def _add_setups(times, cases, seconds):
     """To `times` by layout; now and then, as a machine may be slow for long."""
     calls = {
-        name: [partial(timing.afresh, partial(Pipeline, find_layout(name), Case(name).settings))]
+        name: [partial(timing.afresh, Case(name).pipeline)]
         for name in dict.fromkeys(case.layout for case in cases)
     }
     more = timing.in_turn(calls, least=1, seconds=seconds, turn=0.05, warm=False)
@@ -122,7 +126,7 @@ def _memory(case, size):
     frame = recorded(case.layout, size).singles.frames[0]
 
     def make():
-        pipeline = Pipeline(find_layout(case.layout), case.settings)
+        pipeline = case.pipeline()
         pipeline.process(frame, np.arange(len(frame)), DRIVE)
         return pipeline
 

@@ -6,13 +6,17 @@ this one. Every random number has a seed: the same layout and size give the same
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from tomotactile_ros.layouts.layout import Layout
+from tomotactile_ros.learning.state import SensorState
+from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.scenes.contact import Contact, ContactLaw
-from tomotactile_ros.scenes.defects import Adc, Noise
+from tomotactile_ros.scenes.defects import Adc, Defects, Noise
 from tomotactile_ros.scenes.scene import Scene, load_scene
 from tomotactile_ros.simulation import Simulator
 
@@ -84,8 +88,8 @@ def make_trials(layout: Layout, size: Size, seed: int = 6) -> Trials:
     separations = np.array(SEPARATIONS) * max(layout.outline.size)
     pairs = [_pair(layout, apart, random) for apart in separations for _ in range(size.pairs)]
     singles = [place[None] for place in places]
-    clean = record(layout, make_scene(layout), [*singles, *pairs])
-    worn = record(layout, worn_scene(layout), [*singles, *pairs])
+    clean = record(layout, make_scene(), [*singles, *pairs])
+    worn = record(layout, worn_scene(), [*singles, *pairs])
     ones, twos = slice(len(singles)), slice(len(singles), None)
     return Trials(
         layout,
@@ -116,14 +120,25 @@ def record(
     return Recording(frames, list(places), [np.full(len(points), force) for points in places])
 
 
-def make_scene(layout: Layout) -> Scene:
-    """No contact yet; the measurement of a good microcontroller."""
-    return Scene("trials", DRIVE, (), LAW, Noise(NOISE, 1), Adc(BITS, DRIVE))
+def make_scene(
+    contacts: Iterable[Contact] = (), seed: int = 1, defects: Defects | None = None
+) -> Scene:
+    """The measurement of a good microcontroller."""
+    noise, adc = Noise(NOISE, seed), Adc(BITS, DRIVE)
+    return Scene("trials", DRIVE, tuple(contacts), LAW, noise, adc, defects or Defects())
 
 
-def worn_scene(layout: Layout) -> Scene:
+def worn_scene() -> Scene:
     """The same on the sensor of the scene `worn-sensor`."""
-    return replace(make_scene(layout), defects=load_scene("worn-sensor").defects)
+    return make_scene(defects=load_scene("worn-sensor").defects)
+
+
+def make_pipeline(
+    layout: Layout, profile: str = "accurate", sensor: SensorState | None = None, **settings: Any
+) -> Pipeline:
+    """Told the noise and the contact law, unless `settings` say otherwise."""
+    told = {"noise": NOISE, "contact_law": LAW} | settings
+    return Pipeline(layout, Settings(profile, **told), sensor=sensor)
 
 
 def _places(layout, side, random):

@@ -33,10 +33,9 @@ from tomotactile_ros.bench.reference_cases import (
     truth,
 )
 from tomotactile_ros.bench.sensor.readings import potentials, readings, untouched
-from tomotactile_ros.bench.trials import DRIVE, LAW, NOISE
+from tomotactile_ros.bench.trials import DRIVE, make_pipeline
 from tomotactile_ros.evaluation.places import usual_apart
 from tomotactile_ros.layouts.layout import Layout
-from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.scenes.sheet_field import SheetVariation, conductance_of
 
 EVEN, UNEVEN = "even", "random 10 %"
@@ -94,7 +93,7 @@ def found(layout: Layout, singles: int) -> Found:
     ]
     rows = np.asarray(layout.grounded)
     idle = readings(untouched(layout.electrodes), seed=(_SEED, len(family.states)))[rows]
-    pipeline = Pipeline(layout, Settings("accurate", noise=NOISE, contact_law=LAW))
+    pipeline = make_pipeline(layout)
     seen: dict[str, list[tuple]] = {}  # by case what is there, and what is reported
     for number, state in enumerate(family.states):
         contacts = [(press.shape, press.conductance) for press in state.contacts]

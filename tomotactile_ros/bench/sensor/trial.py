@@ -24,10 +24,10 @@ from tomotactile_ros.bench.bound import Bounds
 from tomotactile_ros.bench.cases import PROFILES
 from tomotactile_ros.bench.sensor.readings import IDEAL, Wiring, potentials, readings, untouched
 from tomotactile_ros.bench.sensor.states import States
-from tomotactile_ros.bench.trials import DRIVE, LAW, NOISE
+from tomotactile_ros.bench.trials import DRIVE, make_pipeline
 from tomotactile_ros.evaluation.scoring import FrameScore, score_frame, summary
 from tomotactile_ros.layouts.layout import Layout
-from tomotactile_ros.reconstruction import Pipeline, Settings
+from tomotactile_ros.reconstruction import Pipeline
 from tomotactile_ros.support.errors import InputError
 
 VELOCITY = "velocity"  # key of a true contact that moves: (2,) m/s
@@ -65,9 +65,9 @@ def presses(case: str, states: States, wiring: Wiring = IDEAL) -> Trial:
 
 def profiles(layout: Layout) -> dict[str, Pipeline]:
     """The three profiles, told the noise and the contact law and nothing of what is wrong."""
-    settings = Settings(noise=NOISE, contact_law=LAW)
-    first = Pipeline(layout, settings)
-    return {name: first.with_settings(replace(settings, profile=name)) for name in PROFILES}
+    first = make_pipeline(layout)
+    settings = {name: replace(first.settings, profile=name) for name in PROFILES}
+    return {name: first.with_settings(each) for name, each in settings.items()}
 
 
 def find_methods(name: str) -> Methods:
