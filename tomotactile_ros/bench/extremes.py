@@ -87,16 +87,28 @@ def grid(side: float = 0.2, resistance: float = 1e4) -> Layout:
     return equal_grid(8, 8, (side, side), 0.1 * side / 8, resistance)
 
 
+def by_resistance(resistance: float) -> list[dict]:
+    return _contacts(grid(resistance=resistance))
+
+
+def by_side(side: float) -> list[dict]:
+    return _contacts(grid(side))
+
+
+def by_unsaid_noise(noise: float) -> list[dict]:
+    return _contacts(noise=noise, said=NOISE)
+
+
 def by_conductance(conductance: float) -> list[dict]:
     if conductance == 0:
-        return _contacts(grid(), pressure=0.0)
+        return _contacts(pressure=0.0)
     bare = conductance == np.inf
-    return _contacts(grid(), law=None if bare else ContactLaw(conductance / PRESSURE, 1.0))
+    return _contacts(law=None if bare else ContactLaw(conductance / PRESSURE, 1.0))
 
 
 def by_dead(number: int) -> list[dict]:
     order = np.random.default_rng(5).permutation(64)
-    return _contacts(grid(), dead=sorted(order[:number].tolist()))
+    return _contacts(dead=sorted(order[:number].tolist()))
 
 
 def by_electrodes(number: int) -> list[dict]:
@@ -114,7 +126,7 @@ def by_rim(inside: float) -> list[dict]:
     aside = 2 / 3 * half_chord**3 / (np.pi * part)  # of the centre of what is left, in radii
     places = np.array([[0.1 - inside * _RADIUS, 0.026]])
     true = places - [[aside * _RADIUS, 0.0]]
-    return _contacts(grid(), places=places, part=part, true=true)
+    return _contacts(places=places, part=part, true=true)
 
 
 def by_number(number: int) -> list[dict]:
@@ -122,11 +134,11 @@ def by_number(number: int) -> list[dict]:
     side = math.ceil(math.sqrt(number))
     steps = 0.17 * ((np.arange(side) + 0.5) / side - 0.5)
     places = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)[:number]
-    return _contacts(grid(), places=places + [0.003, -0.002])
+    return _contacts(places=places + [0.003, -0.002])
 
 
 def _contacts(
-    layout, *, law=LAW, pressure=PRESSURE, noise=NOISE, bits=12, dead=(), level=None,
+    layout=None, *, law=LAW, pressure=PRESSURE, noise=NOISE, bits=12, dead=(), level=None,
     radius=_RADIUS, places=None, part=1.0, true=None, said=None,
 ) -> list[dict]:  # fmt: skip
     """For each profile: place, force, ghosts, how far off both are, or the refusal.
@@ -135,6 +147,7 @@ def _contacts(
     but for what is said. `part` of each contact is on the sheet, its centre in `true` (N, 2), None:
     in `places`; `said`: V rms of noise, None: what it is.
     """
+    layout = layout or grid()
     size = np.array(layout.outline.size)
     places = (PLACE * size)[None] if places is None else places
     scene = Scene(
@@ -215,41 +228,23 @@ def _force_off(error, contacts):
     return float(min(abs(error) / deviation, MOST)) if deviation > 0 else MOST
 
 
+def by(name: str) -> Callable[[float], list[dict]]:
+    """With another value of one argument of `_contacts`."""
+    return lambda value: _contacts(**{name: value})
+
+
+_POWERS = 1e-12, 1e-6, 1e-3, 1.0, 1e3
 TRIALS = (
-    Trial(
-        "sheet resistance, ohm/sq",
-        tuple(10.0**n for n in range(-3, 10, 2)),
-        lambda each: _contacts(grid(resistance=each)),
-    ),
-    Trial(
-        "contact conductance, S/m2",
-        (0.0, 1e-12, 1e-6, 1e-3, 1.0, 1e3, 1e9, 1e30, np.inf),
-        by_conductance,
-    ),
-    Trial(
-        "lambda^2, eq. 1",
-        (0.0, 1e-30, 1e-12, 1e-6, 1e-3, 1.0, 1e3, 1e12, 1e30),
-        lambda each: _contacts(grid(), level=each),
-    ),
-    Trial(
-        "noise, V",
-        (0, 1e-5, 1e-4, 1e-3, 1e-2, 0.1, 1.0),
-        lambda each: _contacts(grid(), noise=each),
-    ),
-    Trial(
-        "noise, V; 1 mV said",
-        (1e-5, 3e-3, 1e-2, 3e-2, 0.1),
-        lambda each: _contacts(grid(), noise=each, said=NOISE),
-    ),
-    Trial("converter, bits", (1, 2, 4, 8, 12, 16, 24), lambda each: _contacts(grid(), bits=each)),
+    Trial("sheet resistance, ohm/sq", tuple(10.0**n for n in range(-3, 10, 2)), by_resistance),
+    Trial("contact conductance, S/m2", (0.0, *_POWERS, 1e9, 1e30, np.inf), by_conductance),
+    Trial("lambda^2, eq. 1", (0.0, 1e-30, *_POWERS, 1e12, 1e30), by("level")),
+    Trial("noise, V", (0, 1e-5, 1e-4, 1e-3, 1e-2, 0.1, 1.0), by("noise")),
+    Trial("noise, V; 1 mV said", (1e-5, 3e-3, 1e-2, 3e-2, 0.1), by_unsaid_noise),
+    Trial("converter, bits", (1, 2, 4, 8, 12, 16, 24), by("bits")),
     Trial("dead channels of 64", (0, 1, 4, 16, 32, 48, 60, 62, 63), by_dead),
-    Trial("side, m", (1e-3, 0.02, 0.2, 1.0, 10.0), lambda each: _contacts(grid(side=each))),
+    Trial("side, m", (1e-3, 0.02, 0.2, 1.0, 10.0), by_side),
     Trial("electrodes", (1, 4, 6, 9, 16, 64, 2500), by_electrodes),
-    Trial(
-        "radius of the contact, m",
-        (1e-4, 1e-3, 0.005, 0.02, 0.05, 1.0),
-        lambda each: _contacts(grid(), radius=each),
-    ),
+    Trial("radius of the contact, m", (1e-4, 1e-3, 0.005, 0.02, 0.05, 1.0), by("radius")),
     Trial("centre inside the rim, radii", (2.0, 1.0, 0.5, 0.0, -0.5), by_rim),
     Trial("contacts", (1, 16, 49, 200), by_number),
 )

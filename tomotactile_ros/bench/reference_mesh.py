@@ -91,17 +91,23 @@ def make_mesh(
         occ.remove([part for part in occ.getEntities(2) if part not in inside], recursive=True)
         occ.synchronize()
         kept = set(gmsh.model.getEntities(1))
-        fields = [_around_electrodes(gmsh, layout, _rim_size(layout, h), h)]
+        centres = [occ.addPoint(x, y, 0) for x, y in layout.positions]
+        occ.synchronize()
+        around = {"PointsList": centres}
+        fields = [_near(gmsh, around, _rim_size(layout, h), h, layout.radius)]
         pieces = iter(made[1 + len(discs) :])
+        curves = []
         for size in sizes:
-            rim = gmsh.model.getBoundary(
-                [part for part in next(pieces) if part in inside], combined=True, oriented=False
-            )
-            fields.append(_around_curves(gmsh, [tag for _, tag in rim], size, h))
+            parts = [part for part in next(pieces) if part in inside]
+            rim = gmsh.model.getBoundary(parts, combined=True, oriented=False)
+            curves.append((rim, size))
         for (_, size), cut in zip(lines, cuts):
-            tags = [tag for _ in cut for tag in next(pieces) if tag in kept]
-            fields.append(_around_curves(gmsh, [tag for _, tag in tags], size, h))
-        _generate(gmsh, [field for field in fields if field is not None], h)
+            curves.append(([each for _ in cut for each in next(pieces) if each in kept], size))
+        for found, size in curves:
+            if found and size < h:
+                around = {"CurvesList": [tag for _, tag in found]}
+                fields.append(_near(gmsh, around, size, h, 0.0))
+        _generate(gmsh, fields, h)
         return _nodes_and_triangles(gmsh)
 
 
@@ -173,24 +179,12 @@ def rim_size(layout: Layout, shape: Shape, h: float) -> float:
     return min(h, shape.perimeter / _RIM_STEPS * h / default_size(layout))
 
 
-def _around_electrodes(gmsh, layout, size, h):
-    centres = [gmsh.model.occ.addPoint(x, y, 0) for x, y in layout.positions]
-    gmsh.model.occ.synchronize()
+def _near(gmsh, around, size, h, start):
+    """A field of sizes: `size` up to the distance `start`, m, from all that is `around`, then up to `h`."""
     distance = gmsh.model.mesh.field.add("Distance")
-    gmsh.model.mesh.field.setNumbers(distance, "PointsList", centres)
-    return _threshold(gmsh, distance, size, h, layout.radius)
-
-
-def _around_curves(gmsh, curves, size, h):
-    if not curves or size >= h:
-        return None
-    distance = gmsh.model.mesh.field.add("Distance")
-    gmsh.model.mesh.field.setNumbers(distance, "CurvesList", curves)
+    for key, tags in around.items():
+        gmsh.model.mesh.field.setNumbers(distance, key, tags)
     gmsh.model.mesh.field.setNumber(distance, "Sampling", 200)
-    return _threshold(gmsh, distance, size, h, 0.0)
-
-
-def _threshold(gmsh, distance, size, h, start):
     field = gmsh.model.mesh.field.add("Threshold")
     for key, value in {
         "InField": distance,
