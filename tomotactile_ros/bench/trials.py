@@ -137,7 +137,7 @@ def make_pipeline(
     layout: Layout, profile: str = "accurate", sensor: SensorState | None = None, **settings: Any
 ) -> Pipeline:
     """Told the noise and the contact law, unless `settings` say otherwise."""
-    told = {"noise": NOISE, "contact_law": LAW} | settings
+    told: dict[str, Any] = {"noise": NOISE, "contact_law": LAW} | settings
     return Pipeline(layout, Settings(profile, **told), sensor=sensor)
 
 

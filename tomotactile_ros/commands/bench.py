@@ -45,9 +45,6 @@ def add_arguments(parser):
         "and returns them by name",
     )
     parser.add_argument(
-        "--markdown", action="store_true", help="with --parts: tables for a document"
-    )
-    parser.add_argument(
         "--out",
         help="file to write, a plot beside it (default: out/bench.json, with --parts "
         "out/bench-parts.json)",
@@ -59,9 +56,8 @@ def run(args):
     """0; 1 where two results differ."""
     if args.compare:
         return _compare(*map(load, args.compare))
-    for option in ("methods", "markdown"):
-        if getattr(args, option) and not args.parts:
-            raise InputError(f"--{option}: belongs to --parts, which is missing")
+    if args.methods and not args.parts:
+        raise InputError("--methods: belongs to --parts, which is missing")
     args.out = args.out or ("out/bench-parts.json" if args.parts else "out/bench.json")
     if args.parts:
         return _measure_parts(args)
@@ -124,7 +120,7 @@ def _measure_parts(args):
     write_atomic(out, json.dumps(content, indent=1, allow_nan=False).encode())
     width = shutil.get_terminal_size((0, 0)).columns or inf
     if found:
-        print("\n".join(tables.markdown(found) if args.markdown else tables.text(found, width)))
+        print("\n".join(tables.text(found, width)))
     if extremes:
         print("\n".join(report.stability_lines(extremes, width)))
     print(f"\n{out}", file=sys.stderr)

@@ -37,15 +37,6 @@ def text(found: dict[str, list[dict]], width: float = inf) -> Iterator[str]:
     yield LEGEND
 
 
-def markdown(found: dict[str, list[dict]]) -> Iterator[str]:
-    """Lines for a document."""
-    for part, rows in found.items():
-        yield f"{TITLES[part]}:"
-        yield ""
-        yield from tables.markdown(*_table(rows))
-        yield ""
-
-
 def cells(row: dict) -> list[str]:
     """Of what `scoring.summary` says, under `HEADER`."""
     return [*scoring.cells(row), *_covered(row)]
