@@ -49,7 +49,7 @@ def measure(tick: Callable[[float], None]) -> dict:
             "pixels": size[1] ** 2,
             "setup": timing.undisturbed(setups[size]),
             "frame": timing.undisturbed(frames[size]),
-            "memory": memories[size]["held"],
+            "memory": memories[size],
         }
         for size in sizes
     }

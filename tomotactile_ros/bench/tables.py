@@ -80,7 +80,7 @@ def trade_cells(row: dict) -> Row:
         trade += [f"{median} ms, {p99} ms", f"{hundredths(row['ospa'][sensor])} mm"]
     return (
         f"{row['setup']['median']:.2f} s",
-        f"{megabytes(row['memory']['held'])} MB",
+        f"{megabytes(row['memory'])} MB",
         *trade,
         f"{millimetres(error['mean'])} mm, {millimetres(error['p95'])} mm; "
         + _false_ones(scores["textbook"]["one"]),

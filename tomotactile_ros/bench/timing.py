@@ -101,7 +101,7 @@ def summary(times: Times) -> dict[str, float]:
     """Median, 99th percentile and interquartile range by the clock, s."""
     every = np.concatenate(times)[..., 0]
     low, median, high, p99 = np.percentile(every, [25, 50, 75, 99])
-    return {"median": median, "p99": p99, "spread": high - low, "samples": every.size}
+    return {"median": median, "p99": p99, "spread": high - low}
 
 
 def undisturbed(times: Times) -> float:
@@ -128,8 +128,8 @@ def timed(make: Call) -> tuple[Any, float]:
     return found, time.thread_time() - start
 
 
-def memory(make: Call) -> tuple[Any, dict[str, int]]:
-    """What `make` returns, bytes that it holds, and the most that was in use while it was made.
+def memory(make: Call) -> tuple[Any, int]:
+    """What `make` returns, and the bytes that it holds.
 
     What numpy and Python allocate counts, what libraries allocate for themselves does not.
     """
@@ -138,7 +138,7 @@ def memory(make: Call) -> tuple[Any, dict[str, int]]:
     try:
         found = afresh(make)
         gc.collect()
-        held, peak = tracemalloc.get_traced_memory()
+        held, _ = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
-    return found, {"held": held, "peak": peak}
+    return found, held
