@@ -4,10 +4,12 @@ ids.py and the soak of faults.py."""
 from __future__ import annotations
 
 import os
+import subprocess
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import numpy as np
 import rclpy
 from ament_index_python.packages import get_package_prefix
 from diagnostic_msgs.msg import DiagnosticArray
@@ -22,6 +24,18 @@ FOLDER = Path(get_package_prefix("tomotactile_ros"), "lib", "tomotactile_ros")
 def arguments(parameters: dict) -> list[str]:
     """Parameters on a node's command line."""
     return [word for item in parameters.items() for word in ("-p", "{}:={}".format(*item))]
+
+
+def replayed(folder: str, layout: str, scene: str | Path) -> dict:
+    """Parameters with which a recording of 250 simulated frames is played for ever; it is made in `folder`."""
+    recording = Path(folder, "frames.npz")
+    words = ["--layout", layout, "--scene", scene, "--frames", "250", "--out", recording]
+    subprocess.run([FOLDER / "tomotactile", "simulate", *words], check=True)
+    with np.load(recording) as file:  # its truth, read in every round, is no work of a sensor
+        arrays = {key: value for key, value in file.items() if key != "truth"}
+    np.savez(recording, **arrays)
+    device = {"device": "replay", "recording": recording, "loop": True}
+    return {"layout": layout, "profile": "fast", **device}
 
 
 class Nodes:

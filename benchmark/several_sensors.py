@@ -9,18 +9,15 @@ what the reconstruction says in its diagnostics: from the last row of a frame to
 
 import argparse
 import os
-import subprocess
 import sys
 import tempfile
-from pathlib import Path
 
 import numpy as np
 
 sys.path.insert(0, os.path.dirname(__file__))  # scripts/setup keeps Python from doing so
 
-from nodes import FOLDER, Nodes, arguments
+from nodes import Nodes, arguments, replayed
 
-LAYOUT = "equal-4x4"
 SYSTEMS = ("one process", "one each", "two each")
 WARM_UP = 8.0  # s after the last sensor has begun
 
@@ -35,32 +32,20 @@ def main() -> None:
     options = parser.parse_args()
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     with tempfile.TemporaryDirectory() as folder:
-        recording = Path(folder, "frames.npz")
-        words = ["--layout", LAYOUT, "--scene", "two-points", "--frames", "250"]
-        subprocess.run([FOLDER / "tomotactile", "simulate", *words, "--out", recording], check=True)
-        with np.load(recording) as file:  # its truth, read in every round, is no work of a sensor
-            arrays = {key: value for key, value in file.items() if key != "truth"}
-        np.savez(recording, **arrays)
+        given = replayed(folder, "equal-4x4", "two-points")
         print(
             "| sensors | system | processor, % of one core | memory, MB | images/s each | latency p50 / p99, ms |"
         )
         print("|---|---|---|---|---|---|", flush=True)
         for count in options.sensors:
             for system in options.system:
-                row = measure(system, count, recording, options)
+                row = measure(system, count, given, options)
                 print(f"| {count} | {system} | " + " | ".join(row) + " |", flush=True)
 
 
-def measure(system: str, count: int, recording: Path, options: argparse.Namespace) -> list[str]:
+def measure(system: str, count: int, given: dict, options: argparse.Namespace) -> list[str]:
     """One row of the table."""
     names = [f"sensor{k}" for k in range(count)]
-    given = {
-        "layout": LAYOUT,
-        "profile": "fast",
-        "device": "replay",
-        "recording": recording,
-        "loop": True,
-    }
     words = arguments(given)
     if system == "one process":
         commands = [["sensors", *words, "-p", f"sensors:=[{', '.join(names)}]"]]

@@ -9,7 +9,6 @@ what the browser takes is not counted, as it is another machine's.
 import contextlib
 import os
 import socket
-import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -17,7 +16,7 @@ from pathlib import Path
 sys.path[:0] = [os.path.dirname(__file__), str(Path(__file__).parents[1] / "test")]
 
 from browser_support import Tab
-from nodes import FOLDER, Nodes, arguments
+from nodes import Nodes, arguments, replayed
 
 HEAD = "format: tomotactile-scene/1\ndrive_voltage: 3.3\nnoise: {rms: 0.001}\n"
 PLACES = (-0.07, -0.07), (-0.07, 0.05), (0.0, 0.0), (0.02, -0.07), (0.07, -0.05), (0.06, 0.07)  # m
@@ -32,19 +31,10 @@ def main() -> None:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
     with tempfile.TemporaryDirectory() as folder:
-        scene, recording = Path(folder, "six.yaml"), Path(folder, "six.npz")
+        scene = Path(folder, "six.yaml")
         discs = "\n".join(DISC.format(x, y, y + 0.015) for x, y in PLACES)
         scene.write_text(f"{HEAD}contacts:\n{discs}\n")
-        words = ["--layout", "equal-8x8", "--scene", scene, "--frames", "250", "--out", recording]
-        subprocess.run([FOLDER / "tomotactile", "simulate", *words], check=True)
-        replayed = {
-            "device": "replay",
-            "recording": recording,
-            "loop": True,
-            "layout": "equal-8x8",
-            "profile": "fast",
-        }
-        sensor = ["tactile", *arguments(replayed)]
+        sensor = ["tactile", *arguments(replayed(folder, "equal-8x8", scene))]
         with Nodes([sensor, ["viewer", *arguments({"port": port})]]) as nodes:
             print(measure(nodes, "nobody looks"), flush=True)
             with contextlib.closing(Tab(f"http://127.0.0.1:{port}", 480, 360)) as tab:
