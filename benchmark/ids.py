@@ -3,7 +3,7 @@
     scripts/setup python3 benchmark/ids.py --scene default slide tap --profile fast balanced accurate --minutes 10
 
 Contacts that are valid are paired with what really touches at their stamp. `changed` counts touches that
-were given a second id; `missed` messages in which a touch of a quarter newton or more has no contact, and
+were given a second id, each on a line with the least true force meanwhile; `missed` messages in which a touch of a quarter newton or more has no contact, and
 `nothing` contacts where nothing touches; `gap` is the longest time between two valid messages, s.
 """
 
@@ -38,6 +38,7 @@ class Audit:
             int
         )  # how often each contact of the scene has begun
         self._there: set[int] = set()
+        self._seen: dict[int, float] = {}  # when each had a contact last, s
 
     def take(self, message: ContactArray, now: float) -> None:
         """Take in contacts that hold for `now`, s in the scene."""
@@ -64,8 +65,21 @@ class Audit:
                 contact.id and contact.id not in ids
             ):  # 0: a frame was cut before contacts were told apart
                 ids.append(contact.id)
+                if len(ids) > 1:
+                    self._tell(nearest, ids, now)
+            self._seen[nearest] = now
         firm = {i for i, c in present.items() if (c.total_force or 0.0) >= FIRM}
         self.missed += len(firm - seen)
+
+    def _tell(self, touch: int, ids: list[int], now: float) -> None:
+        """Print how firmly what has another id since `now`, s, touched since it was told last."""
+        since = self._seen[touch]
+        felt = [self.scene.contacts[touch].at(t) for t in np.linspace(since, now, 100)]
+        least = min((each.total_force or 0.0) if each else 0.0 for each in felt)
+        print(
+            f"# {ids[-2]} -> {ids[-1]}: {since:.3f} to {now:.3f} s, {least:.3f} N at least",
+            flush=True,
+        )
 
     def row(self) -> str:
         """What became of it, a row of the table."""

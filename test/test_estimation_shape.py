@@ -120,6 +120,14 @@ def test_a_ring_is_one_contact_after_an_untouched_frame():
         assert score.place.max() < 1e-3 and score.force.max() < 0.05
 
 
+def test_the_pressure_of_a_contact_joined_of_several_is_force_over_area():
+    """It was that of the part that pressed hardest, 2.8 times the mean."""
+    layout, scene = load_layout("equal-8x8"), load_scene("wide")
+    pipeline = Pipeline(layout, Settings("balanced", contact_law=scene.contact_law))
+    (contact,) = pipeline.process(Simulator(layout, scene).measure(0.0)).contacts
+    assert contact.pressure * contact.area == pytest.approx(contact.force, rel=1e-3)
+
+
 @pytest.mark.parametrize("profile", ["balanced", "accurate"])
 def test_an_l_on_sixteen_electrodes_is_one_contact_from_the_first_frame_on(profile):
     layout, scene = load_layout("equal-4x4"), load_scene("l-shape")

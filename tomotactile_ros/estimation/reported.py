@@ -273,7 +273,7 @@ def _joined(parts: list[Contact]) -> Contact:
         float(sum(s * each.x for s, each in zip(share, parts))),
         float(sum(s * each.y for s, each in zip(share, parts))),
         float(force.sum()),
-        max(each.pressure for each in parts),
+        float(force.sum() / area),
         area,
         radius,
         sum(each.conductance for each in parts),
