@@ -36,7 +36,7 @@ from tomotactile_ros.scenes.course import course_to_dict
 from tomotactile_ros.scenes.defects import named_defects
 from tomotactile_ros.scenes.scene import FORMAT as SCENE_FORMAT
 from tomotactile_ros.scenes.scene import load_scene
-from tomotactile_ros.support.checks import plain, show
+from tomotactile_ros.support.checks import at_least, plain, show
 from tomotactile_ros.support.errors import InputError, printable
 from tomotactile_ros.support.files import find_config
 from tomotactile_ros.support.yamlio import read_mapping
@@ -317,8 +317,14 @@ def _describe_contacts(key, frames):
     for contact in last:
         x_y = f"({contact['x'] * 1e3:.1f}, {contact['y'] * 1e3:.1f}) mm"
         place = _deviation(contact.get("position_std"), 1e3, "mm")
-        force = "" if contact["force"] is None else f", {plain(contact['force'])} N"
-        yield f"    {x_y}{place}{force}{force and _deviation(contact.get('force_std'), 1.0, 'N')}"
+        force = ""
+        if contact["force"] is not None:
+            spread = contact.get("force_std")
+            # a result that says how sure a place is, but not a force, is of a bare conductor
+            bare = spread is None and contact.get("position_std") is not None
+            least = at_least(np.inf if bare else 0.0)
+            force = f", {least}{plain(contact['force'])} N{_deviation(spread, 1.0, 'N')}"
+        yield f"    {x_y}{place}{force}"
 
 
 def _deviation(value, scale, unit):
