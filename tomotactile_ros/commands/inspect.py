@@ -48,6 +48,8 @@ _SHOWN = 16  # rows of a scan, entries of a provenance, contacts of a scene
 _PICTURE = "    "  # begins the lines of pictures
 _COLUMNS = 60  # of the picture; a character is about twice as high as it is wide
 
+_BRIGHT = 60 * Settings.noise  # V, at least: of an idle sheet, noise is dark
+
 _SHADES = " .:-=+*#%@"
 
 
@@ -280,8 +282,9 @@ def _describe_voltages(voltages):
     else:
         yield "  no valid reading"
     yield f"  electrodes without a reading: {', '.join(map(str, dead)) or 'none'}"
-    yield "  last frame, a row for each grounded electrode, dark = 0 V:"
-    yield from _shade(voltages[-1])
+    bright = max(np.nanmax(voltages[-1], initial=0.0), _BRIGHT)
+    yield f"  last frame, a row for each grounded electrode, dark = 0 V, bright = {plain(bright, 2)} V:"
+    yield from _shade(voltages[-1], _BRIGHT)
 
 
 def _describe_order(content, name):
@@ -334,13 +337,14 @@ def _deviation(value, scale, unit):
     return f" ± {plain(value * scale, 2)} {unit}"
 
 
-def _shade(image):
+def _shade(image, least=0.0):
+    """Lines of a picture, the brightest character for its largest value or `least`, if that is more."""
     rows = max(1, round(image.shape[0] / image.shape[1] * _COLUMNS / 2))
     row = (np.arange(rows) * image.shape[0] / rows).astype(int)
     column = (np.arange(_COLUMNS) * image.shape[1] / _COLUMNS).astype(int)
     small = image[np.ix_(row, column)].astype(float)
     small[~np.isfinite(small)] = 0.0
-    level = small / (small.max() or 1.0)
+    level = small / (max(small.max(), least) or 1.0)
     for line in np.clip(level * (len(_SHADES) - 1), 0, len(_SHADES) - 1).round().astype(int):
         yield _PICTURE + "".join(_SHADES[i] for i in line)
 
