@@ -144,6 +144,15 @@ def test_inspect_draws_the_y_axis_upwards(tmp_path):
     assert max(marked) < len(lines) / 2 and lines[marked[0]].index("#") > len(lines[0]) / 2
 
 
+def test_inspect_draws_noise_dark_and_readings_bright(tmp_path, capsys):
+    noise = 1e-3 * np.random.default_rng(1).standard_normal((2, 16, 16))
+    for readings, shown in ((noise, False), (noise + 0.03 * np.eye(16), True)):
+        np.savez(tmp_path / "frames.npz", voltages=readings.astype(np.float32))
+        assert cli.main(["inspect", str(tmp_path / "frames.npz")]) == 0
+        picture = capsys.readouterr().out.split("bright = 0.06 V:")[1]
+        assert any(c in picture.split("  nothing")[0] for c in "=+*#%@") == shown
+
+
 SIMULATE = "simulate --layout equal-4x4"
 
 

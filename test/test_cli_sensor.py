@@ -16,7 +16,8 @@ from warm_start import begin
 from tomotactile_ros import cli
 from tomotactile_ros.commands import run as live
 from tomotactile_ros.commands import watch
-from tomotactile_ros.devices import Frame, stream
+from tomotactile_ros.devices import Frame, Status, stream
+from tomotactile_ros.devices.health import Health
 from tomotactile_ros.devices.recording import load_recording, save_recording
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.reconstruction import Pipeline, Settings
@@ -70,6 +71,21 @@ def test_a_sensor_on_a_port_is_watched_recorded_and_shown(tmp_path, capsys, monk
     recorded = load_recording(out, LAYOUT)
     assert recorded.voltages.shape == (5, 16, 16) and recorded.row_period > 0
     assert cli.main(["run", "--layout", "equal-4x4", "--recording", str(out)]) == 0
+
+
+@pytest.mark.parametrize("floating", [[], [6], [3, 9], list(range(16))])
+def test_watch_names_the_electrode_that_is_not_grounded(floating):
+    """All electrodes at a star of resistors: half the drive, but for rows in which nothing is grounded."""
+    health, readings = Health(), np.full((16, 16), 1.65, np.float32)
+    readings[floating] = 3.3
+    np.fill_diagonal(readings, np.nan)
+    health.frame_delivered(readings, 3.3, None)
+    status = Status("streaming", "", {"rate_seen": 1.0}, (), health.troubles())
+    text = watch.line(1.0, status, [Frame(readings, np.arange(16), 0, 0.0, 3.3)], LAYOUT)
+    assert ("all readings are the same" in text) == (len(floating) == 16)
+    told = f"while electrode {', '.join(map(str, floating))} should be grounded"
+    assert (told in text) == (len(floating) in (1, 2))
+    assert "should be grounded" not in text or told in text
 
 
 @pytest.mark.parametrize(("profile", "after"), [("fast", 0.075), ("accurate", 0.15)])

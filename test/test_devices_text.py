@@ -127,9 +127,9 @@ def test_counts_are_whole_and_within_their_converter(wrong):
     ("print_row", "complaint"),
     [
         (lambda r, row: " ".join(map(str, row)), "nothing tells where a frame begins"),
-        (lambda r, row: " ".join(map(str, [*row, 1, 2])), "has 8 fields, the layout has 6"),
+        (lambda r, row: " ".join(map(str, [*row, 1, 2])), "has 8 fields, the layout has 6 electrodes: 6 fields, or 7 with the row's number"),
         (lambda r, row: f"{r + 1}: " + " ".join(map(str, row)), "of electrode 6, the last one is 5"),
-        (lambda r, row: " ".join(map(str, [r, *np.delete(row, r)])) + "\n" * (r == 5), "its number"),
+        (lambda r, row: " ".join(map(str, [r, *np.delete(row, r)])) + "\n" * (r == 5), "rows have a number and 5 readings"),
         (lambda r, row: "".join(f"{v}," for v in np.delete(row, r)) + "\n" * (r == 5), "of electrode 5"),
         (lambda r, row: " ".join(map(str, row)) + "\n", "1 rows are together, a frame has 6"),
         (lambda r, row: " ".join([*map(str, row[:-1]), "4OO"]), "has '4OO' where a number should"),
@@ -144,6 +144,37 @@ def test_what_does_not_tell_rows_safely_is_no_frame_and_says_why(print_row, comp
         text.feed(f"{line}\n".encode(), 0.0)
         complaints.add(text.complaint)
     assert any(complaint in each for each in complaints), complaints
+
+
+def without(row: int, reading: int):
+    return lambda r, row_: np.delete(row_, reading) if r == row else row_
+
+
+@pytest.mark.parametrize("label", ["{}:\t", "{}: ", "{}\t"])
+@pytest.mark.parametrize(
+    ("rows", "spoil", "complaint"),
+    [
+        (E, lambda r, row: None if r == 2 else row, "the row of electrode 2 is missing"),
+        (E, lambda r, row: None if r == 0 else row, "the row of electrode 0 is missing"),
+        (E, lambda r, row: None if r in (2, 3) else row, "electrode 4 comes after one of electrode 1, where 2 is due"),
+        (E - 1, lambda r, row: row[: E - 1], "a number and 5 readings, the layout has 6"),
+        *((E, without(r, c), f"{r}.* 5 readings, the layout has 6") for r in (0, 2, 5) for c in (0, E - 1)),
+        (E, lambda r, row: row[:4] if r == 2 else row, "2.* 4 readings, .* 6|has 5 fields, .* 6 fields, or 7 with"),
+        (E, lambda r, row: [] if r in (0, 5) else row, "[05].* 0 readings, .* 6|[05].* has [12] fields"),
+        (E, lambda r, row: [*row, 7], "a number and 7 readings, .* 6|has 8 fields, .* 6 fields, or 7 with"),
+    ],
+)  # fmt: skip
+def test_numbered_rows_that_are_lost_or_cut_are_named(label, rows, spoil, complaint):
+    """The complaint stands, whatever the lines behind the fault are."""
+    text, separator = TextFrames(E, range(E)), label[-1]
+    for n in range(5):
+        for r in range(rows):
+            row = spoil(r, readings(n)[r])
+            if row is not None:
+                line = label.format(r) + separator.join(map(str, row))
+                assert text.feed(f"{line}\n".encode(), 0.0) == []
+            assert n < 2 or re.search(complaint, text.complaint), text.complaint
+        assert text.feed(b"\n", 0.0) == []
 
 
 def test_rows_ground_what_the_layout_scans():

@@ -191,7 +191,15 @@ def every_file(tmp_path_factory):
         ("scene", ["2 N"]),
         ("frames", ["4 frames of 16 ground conditions", "at its stamp + i x 1 ms"]),
         ("tare", ["1 frame of 16 ground conditions", "a tare"]),
-        ("sensor", ["sensor learned with layout", "learned from 1 distinct touch", "offsets: "]),
+        (
+            "sensor",
+            [
+                "sensor learned with layout",
+                "learned from 1 distinct touch",
+                "offsets: ",
+                "in corners; most: electrode",
+            ],
+        ),
         ("calibration", ["contact law g = ", "10 N on a disc of 5 mm radius: 127 kPa"]),
         ("result", ["last image, peak", "contacts of the last frame"]),
         (

@@ -44,7 +44,9 @@ def test_equalize_writes_a_layout_and_a_picture(tmp_path, capsys):
     after = layout.provenance["metrics"]["after"]["hwhm"]["worst_region"]
     assert after < 0.9 * layout.provenance["metrics"]["before"]["hwhm"]["worst_region"]
     assert out.with_suffix(".png").read_bytes().startswith(PNG)
-    assert "HWHM of the worst region" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "HWHM of the worst region" in said
+    assert "mm beyond the rim: --method touch --margin 0.005 keeps them on the sheet" in said
 
 
 class Startled(Exception):

@@ -6,9 +6,10 @@ Distances are those of this file, corner by corner, and not those that the searc
 import numpy as np
 import pytest
 
+from tomotactile_ros.layouts.layout import equal_grid
 from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.layouts.region import Region, regular_polygon
-from tomotactile_ros.optimizer.constraints import Constraints
+from tomotactile_ros.optimizer.constraints import Constraints, doubts_of
 
 ROUNDING = 3e-9 * 0.25  # m; three billionths of the largest sheet
 SPACING, MARGIN = 0.018, 0.004
@@ -67,3 +68,20 @@ def test_odd_outlines_holes_zones_margin_spacing_and_fixed_electrodes_are_kept(s
     assert np.where(within, rim_distance(found, zone), 0).max() < ROUNDING
     apart = np.linalg.norm(found[:, None] - found, axis=2) + np.eye(len(found))
     assert apart.min() > SPACING - ROUNDING
+
+
+@pytest.mark.parametrize(
+    ("inset", "spacing", "method", "told"),
+    [
+        (0.004, 0.0088, "", []),
+        (0.0, 0.0, "", ["6 electrodes reach up to 4 mm beyond the rim: --margin 0.004 keeps"]),
+        (0.003, 0.0, "touch", ["1 mm beyond the rim: --method touch --margin 0.004 keeps"]),
+        (0.004, 0.02, "touch", ["2 mm apart, rim to rim: --method touch --spacing sets"]),
+    ],
+)
+def test_electrodes_beyond_the_rim_and_close_ones_are_told(inset, spacing, method, told):
+    """Columns 0.01 m apart: gaps of 2 mm."""
+    layout = equal_grid(3, 2, (0.01 + 2 * inset, 0.2), 0.004, 1e4, inset=inset)
+    found = doubts_of(layout, spacing, method, "--")
+    assert len(found) == len(told)
+    assert all(part in line for part, line in zip(told, found, strict=True))

@@ -1,12 +1,17 @@
 """Pictures: colours mean pressures, contacts and electrodes are where they belong."""
 
 import io
+import json
+import math
 import re
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from tomotactile_ros.cli import main
+from tomotactile_ros.commands.reconstruct import contact_entry
 from tomotactile_ros.layouts.grid import Grid
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.reconstruction.settings import DEFAULT_LAW, ContactEstimate, Result
@@ -104,6 +109,25 @@ def test_contacts_are_paired_with_the_nearest_truth():
     bare = [{"x": 0.0, "y": 0.07, "force": None, "pressure": None}]
     assert contact_lines([here], bare)[0].endswith("  off by  0.0 mm")
     assert contact_lines([], None) == contact_lines([], []) == ["no contact"]
+
+
+def test_the_force_of_a_bare_conductor_is_called_a_bound_wherever_it_stands(tmp_path, capsys):
+    bare = ContactEstimate(
+        0.01, 0.02, 2.3651, 2.5e4, 7.9e-5, 0.005, (1e-8, 0.0, 0.0, 4e-8), math.inf
+    )
+    assert "at least 2.37 N" in repr(bare)
+    assert "  at least  2.37 N" in contact_lines([bare])[0]
+    assert ">at least 2.37<" in table_of([bare], None, True)
+    sure, image = replace(bare, force_std=0.1), replace(bare, position_covariance=(math.nan,) * 4)
+    for contact, told in (
+        (bare, "at least 2.37 N\n"),
+        (sure, ", 2.37 N ± 0.1 N\n"),
+        (image, ", 2.37 N\n"),
+    ):
+        text = json.dumps([[contact_entry(contact)]])
+        np.savez(tmp_path / "result.npz", pressure=np.zeros((1, 4, 4), np.float32), contacts=text)
+        assert main(["inspect", str(tmp_path / "result.npz")]) == 0
+        assert told in capsys.readouterr().out
 
 
 def test_what_stands_for_all_of_a_frame_that_was_cut_has_no_number_and_is_off_by_nothing():
@@ -226,6 +250,20 @@ def test_contacts_are_shown_without_an_image_and_never_over_an_old_one(
     lines = [line for line in capsys.readouterr().out.splitlines() if "written" not in line]
     assert len(lines) == 1  # now and then, not with every shot
     assert "contact 1:" in lines[0] and lines[0].endswith("; late 3 of 100 rows")
+
+
+@pytest.mark.parametrize(
+    "reason", ["", "nothing explains the readings: " + 60 * "too long, " + "for a line"]
+)
+def test_lines_name_electrodes_that_are_left_out_and_break_no_sentence(capsys, reason):
+    faults = {5: "its readings contradict all others", 3: "it gives no reading"}
+    contacts = [] if reason else [UPPER_RIGHT]
+    shot = Shot(None, contacts, 1.0, rate=0.1, age=0.01, reason=reason, faults=faults)
+    Display(LAYOUT, load_scene("idle")).show(shot)
+    (line,) = capsys.readouterr().out.splitlines()
+    first, *rest = line.split("; ")
+    assert rest == [f"electrode {e} left out: {faults[e]}" for e in (3, 5)]
+    assert first.endswith(reason) and ("contact 1" in first) == (reason == "")
 
 
 class Terminal(io.TextIOWrapper):

@@ -45,7 +45,7 @@ def describe_sensor(path: Path, content: Mapping, layout: str | None) -> Iterato
     yield f"sensor learned with layout {name}"
     found = known_layout(str(content.get("layout")), layout)
     if found is None:
-        yield "  which layout is that? --layout LAYOUT shows what was learned"
+        yield "  no layout of that name is here: --layout, a file or an installed name, shows what was learned"
         return
     state = load_sensor(path, found)
     if state.time > 0:

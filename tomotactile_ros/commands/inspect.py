@@ -36,7 +36,7 @@ from tomotactile_ros.scenes.course import course_to_dict
 from tomotactile_ros.scenes.defects import named_defects
 from tomotactile_ros.scenes.scene import FORMAT as SCENE_FORMAT
 from tomotactile_ros.scenes.scene import load_scene
-from tomotactile_ros.support.checks import plain, show
+from tomotactile_ros.support.checks import at_least, plain, show
 from tomotactile_ros.support.errors import InputError, printable
 from tomotactile_ros.support.files import find_config
 from tomotactile_ros.support.yamlio import read_mapping
@@ -47,6 +47,8 @@ _LONGEST = 400  # characters of a value
 _SHOWN = 16  # rows of a scan, entries of a provenance, contacts of a scene
 _PICTURE = "    "  # begins the lines of pictures
 _COLUMNS = 60  # of the picture; a character is about twice as high as it is wide
+
+_BRIGHT = 60 * Settings.noise  # V, at least: of an idle sheet, noise is dark
 
 _SHADES = " .:-=+*#%@"
 
@@ -280,8 +282,9 @@ def _describe_voltages(voltages):
     else:
         yield "  no valid reading"
     yield f"  electrodes without a reading: {', '.join(map(str, dead)) or 'none'}"
-    yield "  last frame, a row for each grounded electrode, dark = 0 V:"
-    yield from _shade(voltages[-1])
+    bright = max(np.nanmax(voltages[-1], initial=0.0), _BRIGHT)
+    yield f"  last frame, a row for each grounded electrode, dark = 0 V, bright = {plain(bright, 2)} V:"
+    yield from _shade(voltages[-1], _BRIGHT)
 
 
 def _describe_order(content, name):
@@ -317,8 +320,14 @@ def _describe_contacts(key, frames):
     for contact in last:
         x_y = f"({contact['x'] * 1e3:.1f}, {contact['y'] * 1e3:.1f}) mm"
         place = _deviation(contact.get("position_std"), 1e3, "mm")
-        force = "" if contact["force"] is None else f", {plain(contact['force'])} N"
-        yield f"    {x_y}{place}{force}{force and _deviation(contact.get('force_std'), 1.0, 'N')}"
+        force = ""
+        if contact["force"] is not None:
+            spread = contact.get("force_std")
+            # a result that says how sure a place is, but not a force, is of a bare conductor
+            bare = spread is None and contact.get("position_std") is not None
+            least = at_least(np.inf if bare else 0.0)
+            force = f", {least}{plain(contact['force'])} N{_deviation(spread, 1.0, 'N')}"
+        yield f"    {x_y}{place}{force}"
 
 
 def _deviation(value, scale, unit):
@@ -328,13 +337,14 @@ def _deviation(value, scale, unit):
     return f" ± {plain(value * scale, 2)} {unit}"
 
 
-def _shade(image):
+def _shade(image, least=0.0):
+    """Lines of a picture, the brightest character for its largest value or `least`, if that is more."""
     rows = max(1, round(image.shape[0] / image.shape[1] * _COLUMNS / 2))
     row = (np.arange(rows) * image.shape[0] / rows).astype(int)
     column = (np.arange(_COLUMNS) * image.shape[1] / _COLUMNS).astype(int)
     small = image[np.ix_(row, column)].astype(float)
     small[~np.isfinite(small)] = 0.0
-    level = small / (small.max() or 1.0)
+    level = small / (max(small.max(), least) or 1.0)
     for line in np.clip(level * (len(_SHADES) - 1), 0, len(_SHADES) - 1).round().astype(int):
         yield _PICTURE + "".join(_SHADES[i] for i in line)
 

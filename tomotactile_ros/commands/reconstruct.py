@@ -40,6 +40,7 @@ from tomotactile_ros.support.errors import complaints_at
 from tomotactile_ros.support.files import check_out
 from tomotactile_ros.support.npz_writer import npz_writer
 from tomotactile_ros.support.progress import track
+from tomotactile_ros.view.contact_lines import fault_lines
 
 HELP = "reconstruct pressure images and contacts from frames"
 
@@ -136,8 +137,8 @@ def run(args: Namespace) -> None:
         print(told)
     for reason, count in withheld.most_common():
         print(f"{count} {each}s withheld: {reason}")
-    for electrode, why in sorted(left_out.items()):
-        print(f"electrode {electrode} left out: {why}")
+    for line in fault_lines(left_out):
+        print(line)
     if noise and (doubt := doubt_of_noise(float(np.median(noise)), args.noise)):
         print(f"{doubt}: --noise")
     if doubt := doubt_of_settling(settling):

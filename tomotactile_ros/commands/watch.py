@@ -23,6 +23,9 @@ from tomotactile_ros.support.errors import InputError
 HELP = "print the state of a sensor every second"
 _EVERY = 1.0  # s
 _PATIENCE = 10.0  # s until the first frame
+_FLOATING = (
+    0.9  # of the drive voltage: the least reading of a row is above where nothing is grounded
+)
 _PRESSED = 0.01  # of the drive voltage: a median reading above it shows a contact
 
 
@@ -73,6 +76,15 @@ def _strongest(readings: np.ndarray, drive_voltage: float, layout: Layout) -> st
     return f", most at electrode {electrode} ({x:+.0f}, {y:+.0f}) mm"
 
 
+def _floating(frame: Frame) -> str:
+    """Which rows show the drive voltage alone, where most do not."""
+    rows = np.fmin.reduce(frame.voltages, axis=1) > _FLOATING * frame.drive_voltage
+    if not 0 < np.count_nonzero(rows) < len(rows) / 2:
+        return ""
+    named = ", ".join(map(str, frame.grounded[rows]))
+    return f"  all read the drive voltage while electrode {named} should be grounded: not connected, or held by what presses"
+
+
 def line(seconds: float, status: Status, frames: list[Frame], layout: Layout) -> str:
     """The state of a device, and what the frames of the last second hold."""
     text = f"{seconds:6.1f} s  {status.state}"
@@ -85,6 +97,7 @@ def line(seconds: float, status: Status, frames: list[Frame], layout: Layout) ->
             text += f"  {np.nanmin(readings):.3f} to {np.nanmax(readings):.3f} V"
             text += f", median {np.nanmedian(readings):.3f} V"
         text += _strongest(readings, frames[0].drive_voltage, layout)
+        text += _floating(frames[-1])
     if status.dead:
         text += f"  electrodes that look dead: {', '.join(map(str, status.dead))}"
     if status.troubles:

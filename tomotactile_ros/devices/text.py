@@ -79,6 +79,10 @@ def parse_row(line: str, electrodes: int, arrival: float = 0.0, counts: int = 0)
     fields = [f.strip() for f in re.split(r"[,;\t]", rest)] if parted else rest.split()
     number = int(label[1]) if label else None
     length, none = len(fields), ""
+    # blank ends of a row with a colon: separators, or the own reading of electrode 0 or the last one
+    blank_first, blank_last = length > 1 and not fields[0], length > 1 and not fields[-1]
+    own = (number == 0 and blank_first) or (number == electrodes - 1 and blank_last)
+    readings_there = length - blank_first - blank_last
     if length == electrodes + 2 and not fields[0] and not fields[-1]:
         fields, none = fields[1:-1], "both"  # a separator before and behind every reading
     elif length == electrodes + 1:
@@ -91,10 +95,19 @@ def parse_row(line: str, electrodes: int, arrival: float = 0.0, counts: int = 0)
             none = "first"
         elif number is None and fields[0].isdecimal():
             number = int(fields.pop(0))
-    elif label and fields and not fields[-1] and number != electrodes - 1:
-        raise ValueError("ends with a separator and has one reading too few")
+            if number >= electrodes:
+                raise ValueError(
+                    f"has {length} fields, the layout has {electrodes} electrodes, and {number} is no row's number"
+                )
+    if label and (len(fields) != electrodes or readings_there + own < electrodes):
+        raise ValueError(
+            f"has a number and {readings_there} readings, the layout has {electrodes} electrodes"
+        )
     if len(fields) != electrodes:
-        raise ValueError(f"has {length} fields, the layout has {electrodes} electrodes")
+        raise ValueError(
+            f"has {length} fields, the layout has {electrodes} electrodes: {electrodes} fields, or "
+            f"{electrodes + 1} with the row's number"
+        )
     if number is not None and number >= electrodes:
         raise ValueError(f"is of electrode {number}, the last one is {electrodes - 1}")
     wrong = [f for f in fields if f.lower() not in _BLANKS and not _NUMBER.fullmatch(f)]
@@ -145,7 +158,7 @@ class TextFrames:
         self._rows: list[TextRow] = []
         self._begun = False  # whether something has told where the frame begins
         self._parted = False  # whether an empty line has
-        self._before = "none"  # what the row before said, for people
+        self._before: int | None = None  # which electrode the row before grounds, if it says so
 
     def feed(self, data: bytes, arrival: float) -> list[TextFrame]:
         """Take in bytes that came at a time (s); return the frames that they complete."""
@@ -183,11 +196,11 @@ class TextFrames:
             if self._told() and told == self.order[0]:
                 frame = self._finish()
             else:
-                self._lose(f"more than {len(self.order)} rows are together")
+                self._lose(self._uneven() or f"more than {len(self.order)} rows are together")
         if told is not None and not (self._begun and told == self.order[len(self._rows)]):
-            self._lose(f"a row in which electrode {told} is grounded comes after {self._before}")
+            self._lose(self._skipped(told))
             self._begun = told == self.order[0]
-        self._before = "one that does not say" if told is None else f"one of electrode {told}"
+        self._before = told
         if self._begun:
             self._rows.append(row)
         elif told is None and not self.complaint:
@@ -202,7 +215,8 @@ class TextFrames:
         elif self._told():
             return None
         elif self._rows:
-            self._lose(f"{len(self._rows)} rows are together, a frame has {len(self.order)}")
+            together = f"{len(self._rows)} rows are together, a frame has {len(self.order)}"
+            self._lose(self._numbers_read() or together)
         self._rows, self._begun, self._parted = [], True, True
         return frame
 
@@ -211,7 +225,42 @@ class TextFrames:
         self.lines_ignored += 1
         if not self._told():  # else the row that it was will be missing
             self._lose("")
-        self.complaint = f"a line {complaint}"
+        self.complaint, self._before = f"a line {complaint}", None
+
+    def _skipped(self, told: int) -> str:
+        """What is wrong with a row of an electrode behind the row before; "": nothing is, or nobody knows."""
+        if told not in self.order:
+            return f"a row is of electrode {told}, which 'scan' does not name"
+        if self._before not in self.order:
+            return ""
+        place = self.order.index(self._before) + 1
+        due, then = (self.order[(place + i) % len(self.order)] for i in range(2))
+        if told == due:
+            return ""
+        if told == then:
+            return f"the row of electrode {due} is missing"
+        return f"a row of electrode {told} comes after one of electrode {self._before}, where {due} is due"
+
+    def _uneven(self) -> str:
+        """Which row has another form than most; "": none has."""
+        forms = [row.form for row in self._rows]
+        usual = max(forms, key=forms.count)
+        odd = next((i for i, form in enumerate(forms) if form != usual), None)
+        if odd is None:
+            return ""
+        readings = self._electrodes + forms[odd][1] - usual[1]
+        if readings == self._electrodes:
+            has = "its number or its separators elsewhere than the others"
+        else:
+            has = f"{readings} readings, the layout has {readings - forms[odd][1] + usual[1]} electrodes"
+        return f"the row of electrode {self.order[odd]} has {has}"
+
+    def _numbers_read(self) -> str:
+        """Whether numbers of rows pass as readings, as each row has one too few; "": no."""
+        first = [row.readings[0] for row in self._rows]
+        if len(first) < 3 or self._rows[0].form[0] or first != self.order[: len(first)]:
+            return ""
+        return f"rows have a number and {self._electrodes - 1} readings, the layout has {self._electrodes} electrodes"
 
     def _told(self) -> bool:
         """Whether there are rows, and each says which electrode it grounds."""
@@ -219,24 +268,20 @@ class TextFrames:
 
     def _lose(self, complaint: str) -> None:
         self.frames_incomplete += bool(self._rows and self.frames)
-        self.complaint = complaint
+        self.complaint = complaint or self.complaint
         self._rows, self._begun, self._parted = [], False, False
 
     def _finish(self) -> TextFrame | None:
         """The frame of the rows, if they do not contradict each other."""
         rows, order = self._rows, np.array(self.order)
         readings = np.array([row.readings for row in rows])
-        first, last = readings[:, 0].copy(), readings[:, -1].copy()
+        last = readings[:, -1].copy()
         readings[np.arange(len(rows)), order] = np.nan
         numbered, fields, _ = rows[0].form
-        objection = ""
-        if len({row.form for row in rows}) > 1:
-            objection = "the rows of a frame have different numbers of fields, or separators"
-        elif not numbered and np.array_equal(first, order):
-            objection = "a row has its number, and one reading too few"
-        elif not numbered and fields == self._electrodes and np.isnan(last).all():
+        objection = self._uneven() or self._numbers_read()
+        if not (objection or numbered) and fields == self._electrodes and np.isnan(last).all():
             objection = "the last field of every row is blank"
-        elif rows_are_mistaken(readings, order):
+        elif not objection and rows_are_mistaken(readings, order):
             objection = "in each row another reading is blank than that of the electrode it grounds"
         if objection:
             self._lose(objection)

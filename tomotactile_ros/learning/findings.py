@@ -244,9 +244,11 @@ def _offsets(state, good):
 
 def _resistances(state, operator, good):
     values, deviation = (each[good] for each in of_channels(state, operator, "resistance"))
+    most = int(np.abs(values).argmax())
     yield (
         f"resistance to ground: {values.mean():.0f} ohm in the mean, {values.min():.0f} to "
-        f"{values.max():.0f}, known to {deviation.min():.0f} to {deviation.max():.0f} ohm, best inside, worst in corners"
+        f"{values.max():.0f}, known to {deviation.min():.0f} to {deviation.max():.0f} ohm, best inside, worst in "
+        f"corners; most: electrode {good[most]} {values[most]:.0f} ohm"
     )
 
 

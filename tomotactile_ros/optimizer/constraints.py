@@ -150,6 +150,31 @@ class Constraints:
             )
 
 
+def doubts_of(layout: Layout, spacing: float, method: str, mark: str) -> list[str]:
+    """What who makes the layout should know: electrodes beyond the rim, and centres closer than `spacing` (m).
+
+    method : that keeps margin and spacing, if that which has found the layout does not; else ""
+    mark : before names of options
+    """
+    method, told = method and f"{mark}method {method} ", []
+    over = Constraints(layout.outline, 0.0, layout.radius)._trespass(layout.positions)
+    count = np.count_nonzero(over > 1e-3 * layout.radius)
+    if count:
+        told.append(
+            f"{count} electrodes reach up to {plain(1e3 * over.max())} mm beyond the rim: "
+            f"{method}{mark}margin {plain(layout.radius)} keeps them on the sheet"
+        )
+    distances = _distances(layout.positions)
+    a, b = sorted(map(int, np.unravel_index(distances.argmin(), distances.shape)))
+    if distances.min() < 0.999 * spacing:
+        gap = 1e3 * (distances.min() - 2 * layout.radius)
+        told.append(
+            f"electrodes {a} and {b} are {plain(gap)} mm apart, rim to rim: "
+            f"{method}{mark}spacing sets the least distance of centres"
+        )
+    return told
+
+
 def _distances(positions):
     distance = np.linalg.norm(positions[:, None] - positions, axis=2)
     np.fill_diagonal(distance, np.inf)

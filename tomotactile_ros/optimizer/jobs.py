@@ -22,7 +22,9 @@ from tomotactile_ros.evaluation.posterior import MEMORY, NOISE, SEPARATION, Cond
 from tomotactile_ros.layouts.arrangements import MAX_SPREAD
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.optimizer.checkpoint import state_file_of
+from tomotactile_ros.optimizer.constraints import doubts_of
 from tomotactile_ros.optimizer.explore import FEWEST, Choice, answer, explore
+from tomotactile_ros.optimizer.free import SPACING
 from tomotactile_ros.optimizer.options import (
     EXPLORE,
     MOST_PROCESSES,
@@ -34,6 +36,7 @@ from tomotactile_ros.optimizer.options import (
     start_of,
     task_of,
 )
+from tomotactile_ros.optimizer.request import METHODS
 from tomotactile_ros.optimizer.scan import FEW, Chooser, Scan, scans, spread
 from tomotactile_ros.optimizer.step import Step, ratio
 from tomotactile_ros.optimizer.workers import Workers
@@ -135,7 +138,8 @@ class Move(Job):
         history, request = self._history, self.request
         best = [step for step in history if step.best][-1]
         command = command_of(request.method, self.values)
-        request.result(self.name, history, best, command=command).save(self.out)
+        result = request.result(self.name, history, best, command=command)
+        result.save(self.out)
         done = history[-1].iteration
         if done < request.total:
             yield f"ended after {done} of {request.total} steps; the best so far is kept"
@@ -147,6 +151,9 @@ class Move(Job):
         save = save_report if best.posterior is None else save_touch_report
         save(self.report, history, best, title, request.keep_out)
         yield from _summary(history[0], best)
+        spacing = SPACING * result.radius if self.values["spacing"] is None else 0.0
+        method = METHODS[0] if request.method == "equalize" else ""
+        yield from doubts_of(result, spacing, method, self.mark)
         yield f"{self.out}, {self.report}: step {best.iteration} of {history[-1].iteration}"
 
 

@@ -185,7 +185,7 @@ SEARCH = (
     Option(
         "margin",
         float,
-        "Of touch and free: smallest distance of a centre from the rim, m",
+        "Of touch and free: smallest distance of a centre from the rim, m (default: 0, electrodes may reach beyond it)",
         0.0,
         methods=_MOVING,
     ),

@@ -174,7 +174,7 @@ class ContactEstimate:
         if math.isnan(self.force):
             strength = f"{1e6 * self.conductance:.3g} µS"
         else:
-            least = "at least " if math.isinf(self.force_std) else ""
+            least = checks.at_least(self.force_std)
             strength = f"{least}{self.force:.3g} N" + _plus_minus(self.force_std, "N")
         known = f", id {self.id}, {self.age:.2f} s old" if self.id else ""
         return f"<contact at {place}, {strength}, radius {1e3 * self.radius:.1f} mm{known}>"

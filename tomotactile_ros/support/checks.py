@@ -43,6 +43,11 @@ def plain(value: float, digits: int = 3) -> str:
     return np.format_float_positional(float(text), trim="-")
 
 
+def at_least(deviation: float) -> str:
+    """What stands before a force: of a bare conductor, whose deviation is infinite, a bound is all that is known."""
+    return "at least " if math.isinf(deviation) else ""
+
+
 def size(count: float) -> str:
     """An amount of bytes as a person says it: 3 bytes, 40 kB, 1.5 GB."""
     for unit, least in (("TB", 1e12), ("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):

@@ -1,10 +1,11 @@
 """Contacts as lines for people, beside the truth where it is known."""
 
-import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
+
+from tomotactile_ros.support.checks import at_least
 
 _ROUGH = 0.5  # of a force: with a larger deviation it is an estimate of its size
 
@@ -46,9 +47,9 @@ def contact_lines(
     for number, contact, j in zip(numbers_of(contacts), contacts, partner, strict=True):
         parts = [f"contact {number}: {_place(contact.x, contact.y)}"]
         if calibrated:
-            rough = "  about" if contact.force_std > _ROUGH * contact.force else ""
-            least = "  at least" if math.isinf(contact.force_std) else rough
-            parts += [f"{least}  {contact.force:5.2f} N", f"  {contact.pressure / 1e3:5.1f} kPa"]
+            rough = "about " if contact.force_std > _ROUGH * contact.force else ""
+            about = at_least(contact.force_std) or rough
+            parts += [f"  {about}{contact.force:5.2f} N", f"  {contact.pressure / 1e3:5.1f} kPa"]
         if truth is not None:
             parts += ["  nothing is there"] if j is None else _compare(contact, truth[j])
         lines.append(fitting(parts, width))
@@ -75,6 +76,11 @@ def numbers_of(contacts: Sequence, complete: bool = True) -> list[int]:
 def withheld_line(reason: str) -> str:
     """What is said in place of contacts that are withheld."""
     return f"contacts are withheld: {reason}"
+
+
+def fault_lines(faults: Mapping[int, str]) -> list[str]:
+    """One line for each electrode that is left out."""
+    return [f"electrode {electrode} left out: {why}" for electrode, why in sorted(faults.items())]
 
 
 def fitting(parts: Sequence[str], width: int) -> str:

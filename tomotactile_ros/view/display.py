@@ -16,13 +16,20 @@ from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.reconstruction.settings import Settings
 from tomotactile_ros.scenes.scene import Scene
 from tomotactile_ros.view.colours import LEAST_CONDUCTANCE, LEAST_PRESSURE, SteadyScale, full_scale
-from tomotactile_ros.view.contact_lines import contact_lines, fitting, numbers_of, withheld_line
+from tomotactile_ros.view.contact_lines import (
+    contact_lines,
+    fault_lines,
+    fitting,
+    numbers_of,
+    withheld_line,
+)
 from tomotactile_ros.view.figure import save_pressure
 from tomotactile_ros.view.terminal import HALF_BLOCK, picture
 from tomotactile_ros.view.trails import LASTING, Trails
 
 _UNCALIBRATED = "no contact law: forces and pressures are not known"
 _PERIOD = {True: 0.1, False: 5.0}  # s between two pictures, and between two lines of text
+_WIDEST = 200  # characters of a line about a contact
 _LEAST = 0.5  # s between two lines where contacts come to be known or are no longer
 
 
@@ -156,11 +163,16 @@ class Display:
         grid = Grid.for_outline(self._layout.outline, Settings().resolution)
         return grid.fill(np.zeros(len(grid.pixels)))
 
-    def _lines(self, shot: Shot, width: int = 200) -> list[str]:
+    def _lines(self, shot: Shot, width: int | None = None) -> list[str]:
+        """What is known of contacts and electrodes; `width`: characters that fit, None: any number."""
+        fits, faults = width or _WIDEST, fault_lines(shot.faults)
         if shot.reason:
-            return wrap(withheld_line(shot.reason), width)
-        truth = self._truth(shot.scene_time)
-        return contact_lines(shot.contacts, truth, self._calibrated, width, shot.complete)
+            withheld = withheld_line(shot.reason)
+            lines = wrap(withheld, fits) if width else [withheld]
+        else:
+            truth = self._truth(shot.scene_time)
+            lines = contact_lines(shot.contacts, truth, self._calibrated, fits, shot.complete)
+        return [*lines, *(fitting([line], width) if width else line for line in faults)]
 
     def _truth(self, t: float) -> list[dict] | None:
         """What really touches, if the scene alone says it."""

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from tomotactile_ros.support.checks import at_least
 from tomotactile_ros.view.colours import palette
 from tomotactile_ros.view.contact_lines import contact_lines, numbers_of, pair, stand_for_all
 
@@ -86,7 +87,7 @@ def table_of(
         spread = np.sqrt(max(c.position_covariance[0], c.position_covariance[3], 0.0))
         row = [f"<b>{k}</b>", f"{1e3 * c.x:.1f}, {1e3 * c.y:.1f}"]
         row += ["–" if np.isnan(spread) else f"{1e3 * spread:.2f}"]
-        least = "≥ " if calibrated and np.isinf(c.force_std) else ""
+        least = at_least(c.force_std) if calibrated else ""
         row += [f"{least}{strength_of(c, calibrated):.2f}"]
         if truth is not None:
             row += ["ghost", ""] if j is None else _beside(c, truth[j])

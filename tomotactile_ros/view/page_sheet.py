@@ -23,7 +23,12 @@ from tomotactile_ros.view.colours import (
     named,
     palette,
 )
-from tomotactile_ros.view.contact_lines import numbers_of, stand_for_all, withheld_line
+from tomotactile_ros.view.contact_lines import (
+    fault_lines,
+    numbers_of,
+    stand_for_all,
+    withheld_line,
+)
 from tomotactile_ros.view.display import Shot
 from tomotactile_ros.view.page_parts import (
     DISC,
@@ -313,8 +318,7 @@ class Sheet:
             parts.append(f"<div><b>{escape(withheld_line(shot.reason))}</b></div>")
         else:
             parts.append(table_of(shot.contacts, truth, self._page.calibrated, shot.complete))
-        for electrode, why in sorted(shot.faults.items()):
-            parts.append(f"<div>electrode {electrode} left out: {escape(why)}</div>")
+        parts += [f"<div>{escape(line)}</div>" for line in fault_lines(shot.faults)]
         return f'<div style="padding:0 1em">{"".join(parts)}</div>'
 
     def _draw_curves(self) -> None:
