@@ -56,6 +56,19 @@ def test_taps_at_two_places_are_two_contacts_where_rows_say_that_both_rest():
         assert tracks.follow([At(-0.06, 0.06)], 0.29, timed)[0].number == second
 
 
+@pytest.mark.parametrize(
+    "after, aside, number", [(0.03, 0.005, 1), (0.03, 0.025, 3), (0.08, 0.005, 3)]
+)
+def test_what_rows_lose_for_less_than_a_scan_is_the_same(after, aside, number):
+    """It is back at the same place; elsewhere, or later, it is another."""
+    tracks, lasts, other = Tracks(0.025), 0.063, At(-0.06, 0.06)
+    tracks.follow([At(0.03, 0.0), other], 0.0, lasts, [(1, 0.0), (2, 0.0)])
+    for k in range(1, 6):
+        tracks.follow([other], after * k / 6, lasts, [(2, 0.0)])
+    back = tracks.follow([At(0.03 + aside, 0.0), other], after, lasts, [(3, 0.0), (2, 0.0)])
+    assert [each.number for each in back] == [number, 2]
+
+
 def test_a_finger_that_begins_to_slide_or_turns_back_is_the_same():
     tracks, lasts = Tracks(0.025), 0.25
     tracks.follow([At(0.0, 0.0)], 0.0, 0.063)

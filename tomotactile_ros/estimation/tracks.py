@@ -7,7 +7,8 @@ may err and a finger gets while a frame is read; else than it gets meanwhile. On
 than in the frame before, by more than both deviations allow, moves, also where the rows of a frame
 alone do not tell it from rest.
 
-Only a frame, or a row, without a contact ends it. Time for which nothing is told ends none, however
+Only frames, or rows, without a contact end it, those of a whole scan: nobody lets go and touches the same
+place again within one, and what is there again was lost, as where rows were left out. Time for which nothing is told ends none, however
 long: no reading says that anything was let go. Nor does what is told late, of a time before: a frame whose
 estimate took long, while rows went on.
 """
@@ -93,6 +94,7 @@ class Tracks:
     def __init__(self, pitch: float):
         self._pitch = pitch
         self._tracks: list[_Track] = []
+        self._ended: list[_Track] = []  # less than a scan ago
         self._last = 0  # the highest number that was given
         self._told = {False: -np.inf, True: -np.inf}  # s, the last frame, and the last row
         self._lock = Lock()
@@ -127,7 +129,8 @@ class Tracks:
         """Forget all contacts where the clock was: rows come in the order of their times, and so do frames,
         but a frame may be told long after rows of later times."""
         if self._told[by_row] - time > _DISORDER or self._told[not by_row] - time > _LATE:
-            self._tracks, self._told = [], dict.fromkeys(self._told, -np.inf)
+            self._tracks, self._ended = [], []
+            self._told = dict.fromkeys(self._told, -np.inf)
         self._told[by_row] = max(self._told[by_row], time)
 
     def _follow(
@@ -141,7 +144,8 @@ class Tracks:
         latest = max((track.seen for track in self._tracks), default=time)
         same = {t.given: t for t in self._tracks if t.given}
         chosen = [same.get(number) for number, _ in given]
-        self._match(chosen, contacts, time, timed)
+        self._match(chosen, self._tracks, contacts, time, timed, _FASTEST)
+        self._match(chosen, self._ended, contacts, time, timed, 0.0)
         tracks, found = [], []
         for contact, track, (number, age) in zip(contacts, chosen, given):
             if track is None:
@@ -154,6 +158,8 @@ class Tracks:
             found.append(Followed(track.number, max(time - track.begun, 0.0), (x, y)))
         if time < latest or not ends:
             tracks += [track for track in self._tracks if track not in tracks]
+        gone = [track for track in self._tracks + self._ended if track not in tracks]
+        self._ended = [track for track in gone if time - track.seen <= timed]
         self._tracks = tracks
         return found
 
@@ -186,11 +192,18 @@ class Tracks:
         return stated if np.isfinite(stated).all() else np.eye(2) * (_UNSTATED * self._pitch) ** 2
 
     def _match(
-        self, chosen: list[_Track | None], contacts: Sequence[Placed], time: float, timed: float
+        self,
+        chosen: list[_Track | None],
+        among: list[_Track],
+        contacts: Sequence[Placed],
+        time: float,
+        timed: float,
+        fastest: float,
     ) -> None:
-        """Choose those among the other tracks for contacts that have none yet."""
+        """Choose those `among` tracks that are not chosen for contacts that have none yet; they get as far as
+        `fastest`, m/s, lets them."""
         taken = {t.number for t in chosen if t is not None}
-        tracks = [t for t in self._tracks if t.number not in taken]
+        tracks = [t for t in among if t.number not in taken]
         new = [i for i, t in enumerate(chosen) if t is None]
         if not new or not tracks:
             return
@@ -204,7 +217,7 @@ class Tracks:
         apart = np.hypot(*(places[:, None] - expected).transpose(2, 0, 1))
         gone, lasts = np.abs(gone), np.abs(goes_on)
         # what it did while no row was read is as even as it may be
-        way = _FASTEST * (np.minimum(lasts, timed) if timed else lasts)
+        way = fastest * (np.minimum(lasts, timed) if timed else lasts)
         if timed:
             way = way + np.hypot(*change.transpose(2, 0, 1)) / 2 * lasts
         # afterwards nobody knows where, but no farther than it would have got
