@@ -4,13 +4,14 @@ PYTEST_ARGS ?= --durations 20
 SETUP := scripts/setup
 PROGRAMS := install/tomotactile_ros/lib/tomotactile_ros
 
-.PHONY: help setup run play view check test bench paper docs fuzz sanitize faults protocol pictures lock clean
+.PHONY: help setup run play view check format test bench paper docs fuzz sanitize faults protocol pictures lock clean
 
 help:
 	@echo "make run      a simulated sensor, its reconstruction and a live picture (DURATION=20 LAYOUT= SCENE= PROFILE=fast)"
 	@echo "make play     a simulated sheet in the browser, to be pressed with the pointer (LAYOUT= PLAY_ARGS=)"
 	@echo "make view     a sensor or a recording in the browser (VIEW_ARGS='--recording frames.npz')"
 	@echo "make check    what CI looks at before the tests"
+	@echo "make format   mend the style of Python files"
 	@echo "make test     all tests, and which take longest (PYTEST_ARGS=)"
 	@echo "make bench    speed, accuracy and stability as a table and out/bench.json (BENCH_ARGS=)"
 	@echo "make paper    figures and numbers of the paper computed again, in out/paper (PAPER_ARGS=)"
@@ -47,6 +48,9 @@ test:
 
 check: # style, types, spelling, pages of the interface
 	@scripts/check
+
+format:
+	@scripts/check fix
 
 bench:
 	@$(SETUP) tomotactile bench $(BENCH_ARGS)

@@ -34,14 +34,14 @@ def eigen() -> str:
 
 
 def compiled(name: str, *options: str) -> Pybind11Extension:
-    """The core as the module `name`; `options` of the compiler."""
+    """The core as the module `name`, optimized as in core/CMakeLists.txt; `options` of the compiler."""
     sources = [*sorted(map(str, Path("core/src").glob("*.cpp"))), "core/python/core.cpp"]
     return Pybind11Extension(
         f"tomotactile_ros.{name}",
         sources,
         include_dirs=["core/include", eigen()],
         define_macros=[("TOMOTACTILE_MODULE", name), ("EIGEN_DONT_PARALLELIZE", None)],
-        extra_compile_args=["-O3", "-DNDEBUG", *options],
+        extra_compile_args=["-O2", "-DNDEBUG", *options],
         cxx_std=17,
     )
 

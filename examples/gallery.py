@@ -30,8 +30,8 @@ def images(frames, layout):
         yield f"{profile}: pressure / kPa", result.image / 1e3, result.contacts
     paper = tt.Pipeline(layout, tt.Settings("paper", contact_law=frames.contact_law))
     yield "paper: potential / V", paper.process(frame).potential, []
-    yield "greit: arbitrary units", tt.greit(voltages, layout, drive), []
-    yield "jac: arbitrary units", tt.jac(voltages, layout, drive), []
+    yield "greit: no unit", tt.greit(voltages, layout, drive), []
+    yield "jac: parts of the drive voltage", tt.jac(voltages, layout, drive), []
 
 
 def main() -> None:
@@ -48,7 +48,7 @@ def main() -> None:
     figure = Figure(figsize=(12, 7.6), layout="constrained")
     extent = 1e3 * np.array(layout.outline.bounds)[[0, 2, 1, 3]]
     for axes, (name, image, contacts) in zip(figure.subplots(2, 3).flat, images(frames, layout)):
-        shown = axes.imshow(image, extent=extent, vmin=0.0)
+        shown = axes.imshow(image, extent=extent)
         figure.colorbar(shown, ax=axes, shrink=0.85)
         axes.set(title=name, xlim=extent[:2], ylim=extent[2:], xticks=[], yticks=[])
         for each in truth:

@@ -149,3 +149,10 @@ def test_a_simulated_disc_comes_over_an_electrode_as_a_real_one_does(apart):
     contact = Contact("disc", center=(0.8 * apart, 0.6 * apart), radius=0.008)
     coarse = contact_points(FemSheet(GRID, h=0.00125), [(contact.patches(5), 2.0)])
     assert rms(voltages(GRID, [(contact, 2.0)]) - frame(*coarse, DRIVE)) < 3.5e-3
+
+
+@pytest.mark.parametrize("missing", ["gmsh", "skfem"])
+def test_what_it_needs_is_named_at_once(monkeypatch, missing):
+    monkeypatch.setitem(sys.modules, missing, None)
+    with pytest.raises(InputError, match="install gmsh scikit-fem"):
+        voltages(GRID, [(disc(PLACE, 0.005), 1.0)])

@@ -1,5 +1,6 @@
 """The package itself: its manifest, its version and the messages it generates."""
 
+import json
 import os
 import pty
 import re
@@ -119,15 +120,36 @@ def test_manifest_names_every_message_package_in_use():
     assert used <= named
 
 
+def test_dependencies_are_the_same_everywhere():
+    """package.xml for rosdep, pyproject.toml for pip, scripts/requirements.txt for scripts/setup."""
+    manifest = ElementTree.parse(ROOT / "package.xml")
+    names = {
+        e.text.removeprefix("python3-") for e in manifest.iter("exec_depend") if "3-" in e.text
+    }
+    by_rosdep = {{"serial": "pyserial", "yaml": "pyyaml"}.get(name, name) for name in names}
+    project = (ROOT / "pyproject.toml").read_text("utf-8")
+    needed = set(json.loads(re.search(r"^dependencies = (.*)$", project, re.MULTILINE)[1]))
+    optional = project.split("[project.optional-dependencies]")[1].split("\n[")[0]
+    groups = {name: set(json.loads(each)) for name, each in re.findall(r"(\w+) = (.*)", optional)}
+    chosen = needed.union(*(each for name, each in groups.items() if name != "completion"))
+    parts = (ROOT / "scripts" / "requirements.txt").read_text("utf-8").split("\n# ")
+    own, tests = ({*part.splitlines()[1:]} for part in parts[-2:])
+    assert by_rosdep == {re.split("[<>=~]", each)[0] for each in needed}, (
+        "package.xml, pyproject.toml"
+    )
+    assert own == chosen - tests, "scripts/requirements.txt, pyproject.toml"
+
+
 def test_version_is_the_same_everywhere():
     manifest = ElementTree.parse(ROOT / "package.xml").findtext("version")
-    project = re.search(
-        r'^version = "([^"]+)"', (ROOT / "pyproject.toml").read_text(), re.MULTILINE
-    )
-    changelog = re.search(
-        r"^(\d+\.\d+\.\d+)\b", (ROOT / "CHANGELOG.rst").read_text(encoding="utf-8"), re.MULTILINE
-    )
-    assert manifest == project.group(1) == changelog.group(1) == tomotactile_ros.__version__
+
+    def named(file, line):
+        return re.search(line, (ROOT / file).read_text("utf-8"), re.MULTILINE)[1]
+
+    project = named("pyproject.toml", r'^version = "([^"]+)"')
+    changelog = named("CHANGELOG.rst", r"^(\d+\.\d+\.\d+)\b")
+    citation = named("CITATION.cff", r"^version: (\S+)$")
+    assert manifest == project == changelog == citation == tomotactile_ros.__version__
 
 
 def test_installed_programs_start_with_the_python_that_they_were_built_with():

@@ -1,5 +1,6 @@
 """Fake and replayed sensors, the emulator with a scene, and the choice between devices."""
 
+import argparse
 import contextlib
 import sqlite3
 import threading
@@ -10,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tomotactile_ros.commands.device_options import SOURCES, source_of
 from tomotactile_ros.devices import DeviceSettings, Frame, emulator, make_device
 from tomotactile_ros.devices.bag import MESSAGE
 from tomotactile_ros.devices.fake import FakeDevice
@@ -415,3 +417,16 @@ def test_a_scene_through_the_emulator_arrives_as_the_converter_makes_it():
 def test_impossible_settings_are_refused(settings, words):
     with pytest.raises(InputError, match=words):
         make_device(DeviceSettings(LAYOUT, **settings))
+
+
+def test_a_command_says_where_frames_come_from_whatever_the_option(monkeypatch):
+    monkeypatch.setitem(SOURCES, "queue", ("queue", "another device"))
+    given = dict.fromkeys(SOURCES)
+    for option, words in (
+        ("port", "x"),
+        ("recording", "x"),
+        ("scene", "scene x"),
+        ("queue", "queue x"),
+    ):
+        assert source_of(argparse.Namespace(**{**given, option: "x"})) == words
+    assert source_of(argparse.Namespace(**given)) == "scene default"

@@ -1,5 +1,6 @@
-"""config/*.yaml names every parameter of its node, with the default and a comment."""
+"""config/*.yaml and docs/parameters.md name every parameter of its node, and each of them does something."""
 
+import json
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,8 @@ import yaml
 from diagnostic_msgs.msg import DiagnosticArray
 
 from tomotactile_ros.nodes import driver, optimizer, reconstruction
+from tomotactile_ros.nodes.reconstruction_parameters import OF_THE_NODE, settings_of
+from tomotactile_ros.support.errors import InputError
 
 CONFIG = Path(__file__).resolve().parent.parent / "config"
 DOCUMENT = CONFIG.parent / "docs" / "parameters.md"
@@ -32,17 +35,35 @@ def test_every_parameter_is_there_with_its_default(name):
 def test_every_parameter_has_a_comment(name):
     lines = (CONFIG / f"{name}.yaml").read_text("utf-8").splitlines()
     for spec in SPECS[name]:
-        (line,) = (line for line in lines if line.strip().startswith(f"{spec.name}:"))
-        assert "# " in line
+        line = next((line for line in lines if line.strip().startswith(f"{spec.name}:")), "")
+        assert "# " in line, f"config/{name}.yaml: expected one line '{spec.name}: ... # comment'"
 
 
 @pytest.mark.parametrize("name", ["driver", "reconstruction"])
 def test_every_parameter_is_documented(name):
-    text = DOCUMENT.read_text("utf-8")
-    section = text.split(f"## `{name}`")[1].split("\n## ")[0]
-    for spec in SPECS[name]:
-        (row,) = (line for line in section.splitlines() if line.startswith(f"| `{spec.name}` |"))
-        assert row.split("|")[3].strip() == _range(spec)
+    section = DOCUMENT.read_text("utf-8").split(f"## `{name}`")[1].split("\n## ")[0]
+    rows = [line for line in section.splitlines() if line.startswith("| `")]
+    expected = [_row(spec) for spec in SPECS[name]]
+    wrong = [row for row in expected if row not in rows]
+    assert not wrong, f"docs/parameters.md, {name}: expected these rows:\n" + "\n".join(wrong)
+    left = sorted(set(rows) - set(expected))
+    assert not left, f"docs/parameters.md, {name}: no such parameters:\n" + "\n".join(left)
+
+
+def test_every_parameter_of_the_reconstruction_is_a_setting_or_of_the_node():
+    specs = reconstruction.SPECS
+    defaults = {spec.name: spec.default for spec in specs}
+    for spec in specs:
+        if spec.read_only or spec.name in OF_THE_NODE:
+            continue
+        values = {**defaults, spec.name: _another(spec)}
+        if spec.path:  # it is read
+            with pytest.raises(InputError):
+                settings_of(values)
+            continue
+        assert settings_of(values) != settings_of(defaults), (
+            f"{spec.name} changes no Settings: name a field of them like it, or add it to OF_THE_NODE"
+        )
 
 
 def test_the_aggregator_finds_each_status_in_one_group(probe, start):
@@ -60,7 +81,26 @@ def test_the_aggregator_finds_each_status_in_one_group(probe, start):
         assert sum(any(part in name for part in group["contains"]) for group in groups) == 1
 
 
+def _row(spec) -> str:
+    """The row of docs/parameters.md."""
+    default = list(spec.default) if isinstance(spec.default, tuple) else spec.default
+    shown = default if default and isinstance(default, str) else json.dumps(default)
+    at_run_time = "no" if spec.read_only else "(yes)" if spec.path else "yes"
+    return f"| `{spec.name}` | `{shown}` | {_range(spec)} | {at_run_time} | {spec.description} |"
+
+
 def _range(spec) -> str:
     if spec.choices:
-        return ", ".join(f"`{choice}`" for choice in spec.choices)
+        return ", ".join(f"`{choice or json.dumps(choice)}`" for choice in spec.choices)
     return "" if spec.low is None else f"{spec.low:g} to {spec.high:g}"
+
+
+def _another(spec):
+    """A value that is allowed and is not the default."""
+    if spec.choices:
+        return next(choice for choice in reversed(spec.choices) if choice != spec.default)
+    if isinstance(spec.default, tuple):
+        return ("gains",) if spec.items is str else (1,)
+    if isinstance(spec.default, bool):
+        return not spec.default
+    return spec.default + type(spec.default)("1")

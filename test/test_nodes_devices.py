@@ -8,6 +8,9 @@ import ros_checks
 from diagnostic_msgs.msg import DiagnosticStatus
 from ros_support import ends_cleanly
 
+from tomotactile_ros.devices import KINDS
+from tomotactile_ros.nodes.data_source import NATURES
+
 
 @pytest.fixture
 def curved(tmp_path):
@@ -32,3 +35,10 @@ def test_a_curved_sheet_on_a_line_and_recorded(probe, start, domain, curved, sce
         ends_cleanly(reconstruction)
     finally:
         emulator.kill()
+
+
+def test_only_data_of_sensors_are_not_marked():
+    sensors = {"serial"}
+    assert set(NATURES) == set(KINDS) - sensors, (
+        "a device that is no sensor needs its line in NATURES, nodes/data_source.py; one that is, a name here"
+    )

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from tomotactile_ros.layouts.layout import equal_grid, load_layout
 from tomotactile_ros.scenes.contact import Contact, ContactLaw
-from tomotactile_ros.scenes.defects import Adc, Defects, Drift, Hum, Noise, SheetVariation
+from tomotactile_ros.scenes.defects import Adc, Defects, Drift, Hum, Noise, SheetVariation, by_key
 from tomotactile_ros.scenes.scene import Scene, load_scene
 from tomotactile_ros.support.errors import Doubt, InputError
 
@@ -134,12 +134,12 @@ scenes = st.builds(
     adc=maybe(Adc, st.integers(1, 32), some),
     defects=st.builds(
         Defects,
-        st.lists(st.integers(0, 255), unique=True).map(tuple),
-        st.sampled_from([(), ((3, 1),), ((0, 1), (7, 2))]),
-        maybe(Drift, some, some, seeds),
-        maybe(Hum, some, some),
-        some,
-        maybe(SheetVariation, st.floats(0, 1), lengths, seeds),
+        dead=st.lists(st.integers(0, 255), unique=True).map(tuple),
+        swapped=st.sampled_from([(), ((3, 1),), ((0, 1), (7, 2))]),
+        drift=maybe(Drift, some, some, seeds),
+        hum=maybe(Hum, some, some),
+        switch_resistance=some,
+        sheet_variation=maybe(SheetVariation, st.floats(0, 1), lengths, seeds),
     ),
     layout=st.sampled_from([None, "equal-8x8"]),
 )
@@ -180,10 +180,8 @@ def test_experiment_is_a_bare_5_mm_contact_at_5_volt(name):
 
 
 def test_defects_scene_names_every_defect():
-    defects = load_scene("defects").defects
-    assert all(vars(defects).values())
-    assert all(vars(defects.sheet).values())
-    assert all(vars(defects.channels).values())
+    missing = [key for key, each in by_key(load_scene("defects").defects).items() if not each]
+    assert not missing, f"config/scenes/defects.yaml: missing under defects: {', '.join(missing)}"
 
 
 @pytest.mark.parametrize(

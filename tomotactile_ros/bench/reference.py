@@ -26,6 +26,7 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from tomotactile_ros.bench.reference_mesh import (
+    NEEDED,
     Ellipse,
     Shape,
     default_size,
@@ -220,9 +221,7 @@ def _skfem():
     try:
         import skfem
     except ImportError:
-        raise InputError(
-            "the reference model needs scikit-fem: python3 -m pip install scikit-fem"
-        ) from None
+        raise InputError(NEEDED) from None
     return skfem
 
 

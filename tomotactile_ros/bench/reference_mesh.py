@@ -20,7 +20,7 @@ from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.layouts.region import Region
 from tomotactile_ros.support.errors import InputError
 
-_NEEDED = "python3 -m pip install gmsh scikit-fem"
+NEEDED = "the reference model needs Gmsh and scikit-fem: python3 -m pip install gmsh scikit-fem"
 _GROWTH = 0.3  # of an element's size per distance from the next rim
 _RIM_STEPS = 16  # elements along the rim of an electrode or a contact at the coarsest `h`
 _BACKGROUND = 50  # elements along the longer side by default
@@ -116,7 +116,7 @@ def _gmsh():
     try:
         import gmsh
     except ImportError:
-        raise InputError(f"the reference model needs Gmsh: {_NEEDED}") from None
+        raise InputError(NEEDED) from None
     except OSError as error:  # the wheel needs libraries of the system, such as libGLU
         raise InputError(f"the reference model needs Gmsh, which does not start: {error}") from None
     before = {number: signal.getsignal(number) for number in (signal.SIGPIPE, signal.SIGINT)}

@@ -17,6 +17,12 @@ from tomotactile_ros.support.command_line import positive
 from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.support.progress import Progress
 
+# Options that say where frames come from, one at a time: the kind of device, and the help.
+SOURCES = {
+    "port": ("serial", "sensor at /dev/tty..., usb:VID:PID, socket://HOST:PORT"),
+    "recording": ("replay", "recorded frames (.npz or rosbag2) at their own pace"),
+    "scene": ("fake", "simulated sensor under this scene (default: default)"),
+}
 FRESH = 1.0  # s, age up to which readings are shown as what is now
 
 
@@ -30,9 +36,8 @@ def add_device_arguments(parser: ArgumentParser, layout: str | None = None) -> N
         + (f" (default: {layout})" if layout else ""),
     )
     source = parser.add_mutually_exclusive_group()
-    source.add_argument("--port", help="sensor at /dev/tty..., usb:VID:PID, socket://HOST:PORT")
-    source.add_argument("--recording", help="recorded frames (.npz or rosbag2) at their own pace")
-    source.add_argument("--scene", help="simulated sensor under this scene (default: default)")
+    for option, (_, text) in SOURCES.items():
+        source.add_argument(f"--{option}", help=text)
     parser.add_argument("--baud", type=int, default=2_000_000, help="speed of a serial port, bit/s")
     parser.add_argument(
         "--protocol",
@@ -59,17 +64,13 @@ def open_device(
     Readings older than `max_age` (s) are dropped and counted; 0 for any age. `capture` is a file
     for all bytes of a line.
     """
-    scene = None
-    if args.port:
-        kind = "serial"
-    elif args.recording:
-        kind = "replay"
-    else:
-        kind, scene = "fake", load_scene(args.scene or "default")
+    option, value = _source(args)
+    scene = load_scene(value) if option == "scene" else None
+    if scene is not None:
         scene.check(layout)
     settings = DeviceSettings(
         layout,
-        kind,
+        SOURCES[option][0],
         args.rate,
         scene,
         port=args.port or "",
@@ -111,7 +112,14 @@ def collect(device: Device, most: int | None = None, duration: float | None = No
 
 def source_of(args: Namespace) -> str:
     """What the frames come from, for people."""
-    return args.port or args.recording or f"scene {args.scene or 'default'}"
+    option, value = _source(args)
+    return value if option in ("port", "recording") else f"{option} {value}"
+
+
+def _source(args: Namespace) -> tuple[str, str]:
+    """Which of `SOURCES` is given, and its value."""
+    given = ((option, getattr(args, option)) for option in SOURCES)
+    return next((each for each in given if each[1]), ("scene", "default"))
 
 
 def count(text: str) -> int:

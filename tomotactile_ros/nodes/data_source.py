@@ -14,17 +14,18 @@ LEVELS = {
     "identifying": diagnostics.WARN,
     "closed": diagnostics.WARN,
 }
-_NATURE = {"fake": "SIMULATED data", "replay": "RECORDED data"}
+# of every device that is no sensor: what its data are, and the parameter that says which
+NATURES = {"fake": ("SIMULATED data", "scene"), "replay": ("RECORDED data", "recording")}
 _STARTING = ("closed", "identifying", "disconnected", "silent")
 RESTART_PATIENCE = 3.0  # s until a restart says whether there is a device
 
 
 def nature(values: Mapping) -> str:
     """What kind of data a driver with these parameters gives; empty for those of a sensor."""
-    kind = values["device"]
-    if kind not in _NATURE:
+    if values["device"] not in NATURES:
         return ""
-    return f"{_NATURE[kind]} ({values['scene'] if kind == 'fake' else values['recording']})"
+    what, name = NATURES[values["device"]]
+    return f"{what} ({values[name]})"
 
 
 def level_of(status: Status) -> bytes:

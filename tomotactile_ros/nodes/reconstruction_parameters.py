@@ -1,5 +1,6 @@
 """Parameters of the reconstruction node, and the settings that they stand for."""
 
+from dataclasses import fields
 from typing import Any
 
 from tomotactile_ros.nodes import learning, row_contacts, tare
@@ -98,28 +99,26 @@ SPECS = (
     ),
     PATH_CHANGES,
 )
-OF_THE_NODE = {"publish_every", "max_age", "tare_frames", "view_range", "view_overlay", "view_size"}
-_PLAIN_SETTINGS = (
-    "profile",
-    "resolution",
-    "noise",
-    "contact_radius",
-    "contacts",
-    "unknown",
-    "excluded",
-    "threshold",
-    "model",
-)
+# What is no setting of the pipeline: the node goes by it, frame by frame.
+OF_THE_NODE = {
+    "deadline",
+    "publish_every",
+    "max_age",
+    "tare_frames",
+    "view_range",
+    "view_overlay",
+    "view_size",
+}
 
 
 def settings_of(values: dict[str, Any]) -> Settings:
-    """Settings of the pipeline; InputError where a calibration cannot be read."""
-    return Settings(
-        regularization=values["regularization"] or None,
-        image=values["image"] or None,
-        contact_law=_contact_law(values),
-        **{key: values[key] for key in _PLAIN_SETTINGS},
-    )
+    """Settings of the pipeline: each parameter of the name of one; InputError where a calibration
+    cannot be read."""
+    names = {field.name for field in fields(Settings)} - OF_THE_NODE
+    given = {name: value for name, value in values.items() if name in names}
+    given["regularization"] = values["regularization"] or None
+    given["image"] = values["image"] or None
+    return Settings(**given, contact_law=_contact_law(values))
 
 
 def law_in_words(values: dict[str, Any]) -> str:

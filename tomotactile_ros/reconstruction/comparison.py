@@ -12,8 +12,8 @@ circle around the true place; the circle is as wide as electrodes are apart. Eve
 the size of its readings, so that weak contacts count as much as strong ones. Training contacts are
 discs on every second pixel, of three strengths; electrodes are equipotential discs.
 
-**JAC** is eq. 1 of Kojima et al. 2023 with the regularisation that pyEIT's class of this name has, in
-proportion to the sensitivity of each pixel (NOSER, Cheney et al. 1990):
+**JAC** is eq. 1 of Kojima et al. 2023 with the regularisation that pyEIT's class of this name has with
+method "lm", in proportion to the sensitivity of each pixel (NOSER, Cheney et al. 1990):
 
     R = (J^T J + lambda diag(J^T J))^-1 J^T
 """
@@ -51,8 +51,9 @@ def greit(
     resolution: int = 40,
     weight: float = WEIGHT,
 ) -> np.ndarray:
-    """(H, W) image of `voltages` (E, E), V, row l with electrode l grounded: about 1 at a contact, NaN
-    outside the outline. The first image of a layout takes seconds: the training."""
+    """(H, W) image of `voltages` (E, E), V, row l with electrode l grounded, NaN outside the outline. It has
+    no unit: its peak grows with the conductance of a contact. The first image of a layout takes seconds:
+    the training."""
     parts = _in_parts(voltages, layout, drive_voltage)
     checks.not_negative(weight, "weight", "number")
     trained = _greit(layout, checks.integer(resolution, "resolution", 2, 200))
@@ -67,7 +68,8 @@ def jac(
     damping: float = DAMPING,
 ) -> np.ndarray:
     """(H, W) potential input distribution, in parts of the drive voltage, of `voltages` (E, E), V, row l
-    with electrode l grounded; NaN outside the outline. `damping` is lambda."""
+    with electrode l grounded; NaN outside the outline. `damping` is lambda. Its peak is no measure of force:
+    it can fall where a contact conducts better."""
     parts = _in_parts(voltages, layout, drive_voltage)
     checks.positive(damping, "damping", "number")
     step = _jac(layout, checks.integer(resolution, "resolution", 2, 200))

@@ -129,11 +129,15 @@ def _check_seed(seed: int) -> None:
     checks.integer(seed, "seed", 0, 2**32 - 1)
 
 
+def by_key(defects: Defects) -> dict[str, object]:
+    """Everything that a scene file can name, under its key there; falsy where the sensor does not have it."""
+    everything = {**vars(defects), **vars(defects.sheet), **vars(defects.channels)}
+    return {key: each for key, each in everything.items() if key not in ("sheet", "channels")}
+
+
 def named_defects(defects: Defects) -> dict[str, object]:
     """What a scene file says of all defects that there are."""
-    everything = {**vars(defects), **vars(defects.sheet), **vars(defects.channels)}
-    own = {key: each for key, each in everything.items() if key not in ("sheet", "channels")}
-    return {key: _content(each) for key, each in own.items() if each}
+    return {key: _content(each) for key, each in by_key(defects).items() if each}
 
 
 def _content(value):
