@@ -253,8 +253,8 @@ def test_a_driver_that_was_started_again_mixes_nothing(domain, monkeypatch):
     watch = FrameWatch(rclpy.create_node("waiting"), "/voltage_frame")
     for numbers, mixed in (((70, 71, 0, 1, 2), False), ((70, 0, 71, 1, 72, 2), True)):
         watch.restart()
-        for time, sequence in enumerate(numbers):
-            watch.accepted(sequence, float(time), 0.0, 0.0)
+        for number, sequence in enumerate(numbers):
+            watch.accepted(sequence, float(number), 0.0, 0.0)
         (found,) = [each for each in watch.troubles() if each.name == "publishers"]
         assert found.serious == mixed and ("just died" in found.text) != mixed
     rclpy.shutdown()
