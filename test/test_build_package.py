@@ -201,6 +201,7 @@ def test_a_source_tree_without_compiled_core_says_so_in_one_line(tmp_path):
     words = [sys.executable, "-c", "import tomotactile_ros.core"]
     without = {key: value for key, value in os.environ.items() if key != "TOMOTACTILE_CORE"}
     environment = without | {"PYTHONPATH": str(tmp_path)}
-    said = subprocess.run(words, env=environment, capture_output=True, text=True).stderr
+    ended = subprocess.run(words, env=environment, capture_output=True, text=True, check=False)
+    said = ended.stderr
     (error,) = [line for line in said.splitlines() if "Error: " in line]
     assert error.startswith("ImportError: no compiled core in ") and "scripts/setup" in error
