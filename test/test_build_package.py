@@ -4,7 +4,9 @@ import json
 import os
 import pty
 import re
+import shutil
 import subprocess
+import sys
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -213,3 +215,15 @@ def test_the_lock_pins_every_requirement_with_hashes_and_names_no_host():
     names = {re.split(r"[=<>\[]", line)[0] for line in asked if line and line[0] != "#"}
     assert {name.replace("_", "-") for name in names} <= pinned
     assert "setuptools" in pinned  # builds what comes as source
+
+
+def test_a_source_tree_without_compiled_core_says_so_in_one_line(tmp_path):
+    """Python that is started there takes it for the package, in the place of what is installed."""
+    shutil.copytree(ROOT / "tomotactile_ros" / "core", tmp_path / "tomotactile_ros" / "core")
+    words = [sys.executable, "-c", "import tomotactile_ros.core"]
+    without = {key: value for key, value in os.environ.items() if key != "TOMOTACTILE_CORE"}
+    environment = without | {"PYTHONPATH": str(tmp_path)}
+    ended = subprocess.run(words, env=environment, capture_output=True, text=True, check=False)
+    said = ended.stderr
+    (error,) = [line for line in said.splitlines() if "Error: " in line]
+    assert error.startswith("ImportError: no compiled core in ") and "scripts/setup" in error

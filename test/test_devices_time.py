@@ -152,8 +152,23 @@ def test_a_recording_keeps_its_distances_in_the_time(run, tmp_path, rows):
     np.savez(path, voltages=[frame] * 6, grounded=np.arange(4), drive_voltage=3.3, **times)
     sensor = run(ReplayDevice(path, 4), rows)
     sensor.time.go(100.0, 100.05, 100.12, 100.19)
-    assert stamps(sensor.frames) == pytest.approx([100.0] if rows else [100.0, 100.1])
+    assert stamps(sensor.frames) == pytest.approx([100.0] if rows else [99.9, 100.0])
     assert stamps(sensor.rows) == pytest.approx([100.0, 100.05, 100.1] if rows else [])
     sensor.time.go(30.0, 30.05, 30.11, 30.22, 30.33)  # and goes on from there
-    anew = [stamp for stamp in stamps(sensor.frames) if stamp < 100.0]
-    assert anew == pytest.approx([30.1, 30.2] if rows else [30.1, 30.2, 30.3])
+    anew = [stamp for stamp in stamps(sensor.frames) if stamp < 99.0]
+    assert anew == pytest.approx([30.1, 30.2] if rows else [30.0, 30.1, 30.2])
+
+
+@pytest.mark.parametrize("rows", [False, True])
+def test_no_row_of_a_recording_is_of_the_future(run, tmp_path, rows):
+    """Also where it is played faster than it was scanned."""
+    frame = Simulator(LAYOUT, SCENE, row_period=0.025).frame(0.0)
+    path = tmp_path / "frames.npz"
+    times = {"stamps": 7.0 + 0.1 * np.arange(6), "row_period": 0.025}
+    np.savez(path, voltages=[frame] * 6, grounded=np.arange(4), drive_voltage=3.3, **times)
+    sensor = run(ReplayDevice(path, 4, rate=20.0), rows)
+    sensor.time.go(100.0, 100.11, 100.16, 100.21)
+    ends = [frame.stamp + 4 * frame.row_period for frame in sensor.frames]
+    assert ends == pytest.approx(
+        [100.1, 100.1, 100.15, 100.2] if rows else [100.0, 100.05, 100.1, 100.15, 100.2]
+    )

@@ -294,3 +294,14 @@ def test_shares_of_the_drive_voltage_are_pointed_out(measured):
     imported(measured / 3.3, measured / 3.3, ["--drive-voltage 1"])
     found = import_frames(measured / 3.3, LAYOUT, drive_voltage=1.0)
     assert "shares" not in "".join(found.told)
+
+
+def test_infinite_readings_are_missing_ones(measured, tmp_path):
+    """A file that its own reader refuses."""
+    readings, told = np.array(measured), "infinite readings taken for missing: 2"
+    readings[1, 3, 5], readings[2, 7, 0] = np.inf, -np.inf
+    path, out = tmp_path / "inf.npy", tmp_path / "frames.npz"
+    np.save(path, readings)
+    found = imported(path, np.where(np.isinf(readings), np.nan, readings), [told])
+    found.save(out)
+    assert np.isnan(load_frames(out).voltages[1, 3, 5])

@@ -34,6 +34,9 @@ BAD_STARTS = [
     ("driver", {"rate": "fast"}, "rate: 'fast' is not a number"),
     ("driver", {"rate": ".nan"}, "rate"),
     ("driver", {"device": "serial"}, "port: missing"),
+    ("driver", {"port": "/dev/x"}, "port: /dev/x needs device:=serial, it is fake: data would be"),
+    ("tactile", {"scene": "tap", "port": "/dev/x"}, "port: /dev/x needs device:=serial"),
+    ("driver", {"recording": "a.npz"}, "recording: a.npz needs device:=replay"),
     ("driver", {"use_sim_time": "maybe"}, "use_sim_time"),
     ("driver", {"qos_overrides./voltage_frame.publisher.reliability": "much"}, "much"),
     ("reconstruction", {"profile": "best"}, "profile: 'best' is none of fast"),
@@ -224,6 +227,7 @@ def test_the_driver_changes_at_run_time_what_it_can(probe, start, scene):
     largest = probe.wait_for(VoltageFrame, "/voltage_frame", lambda m: np.nanmax(m.voltages) > 0.1)
     assert largest.layout_id.startswith("equal-8x8#")
 
+    assert "rate is now 50.0\n" in driver.output and "rate is now -3" not in driver.output
     assert probe.set_parameter("/driver", "streaming", False).successful
     ros_checks.check_diagnostics(probe, "driver: device", DiagnosticStatus.WARN, "stopped")
     assert probe.set_parameter("/driver", "streaming", True).successful
@@ -276,6 +280,11 @@ def test_the_reconstruction_changes_at_run_time_what_it_can(probe, start, scene,
     probe.wait_for(ContactArray, "/contacts", lambda m: half[0] < m.contacts[0].force < half[1])
     assert probe.set_parameter("/reconstruction", "profile", "balanced").successful
     probe.wait_for(ContactArray, "/contacts", lambda m: len(m.contacts) > 0)
+    assert "resolution is now 30\n" in reconstruction.output
+    said = [
+        reconstruction.output.count(text) for text in ("profile fast", "assumed: not calibrated")
+    ]
+    assert said == [1, 1]  # not with each change
     ends_cleanly(reconstruction)
 
 

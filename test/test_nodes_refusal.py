@@ -15,7 +15,7 @@ import ros_checks
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from ros_support import ends_cleanly
+from ros_support import ends_cleanly, ros_arguments
 from sensor_msgs.msg import Image
 from std_msgs.msg import Bool, String
 from std_srvs.srv import Trigger
@@ -23,8 +23,10 @@ from std_srvs.srv import Trigger
 from tomotactile_ros.devices import Frame
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.msg import ContactArray, VoltageFrame
-from tomotactile_ros.nodes.conversions import check_frame, frame_to_message, make_header
-from tomotactile_ros.nodes.watch import FrameWatch
+from tomotactile_ros.nodes.conversions import check_frame, frame_to_message, make_header, stamp_of
+from tomotactile_ros.nodes.reconstruction import Reconstruction
+from tomotactile_ros.nodes.running import PlainNode
+from tomotactile_ros.nodes.watch import TYPE, FrameWatch
 from tomotactile_ros.support.errors import InputError
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -241,6 +243,61 @@ def test_rows_that_take_longer_than_their_frames_are_told(domain):
         for sequence in range(20):
             watch.accepted(sequence, 0.064 * sequence, 0.0, 0.0, lasts)
         assert [trouble.name for trouble in watch.troubles() if trouble.serious] == expected
+    rclpy.shutdown()
+
+
+def test_a_driver_that_was_started_again_mixes_nothing(domain, monkeypatch):
+    """For 18 s the dead one is still known as a publisher."""
+    monkeypatch.setattr("rclpy.node.Node.count_publishers", lambda *_: 2)
+    rclpy.init(args=[], domain_id=domain)
+    watch = FrameWatch(rclpy.create_node("waiting"), "/voltage_frame")
+    for numbers, mixed in (((70, 71, 0, 1, 2), False), ((70, 0, 71, 1, 72, 2), True)):
+        watch.restart()
+        for number, sequence in enumerate(numbers):
+            watch.accepted(sequence, float(number), 0.0, 0.0)
+        (found,) = [each for each in watch.troubles() if each.name == "publishers"]
+        assert found.serious == mixed and ("just died" in found.text) != mixed
+    rclpy.shutdown()
+
+
+def test_nothing_is_well_before_the_first_frame(domain, monkeypatch):
+    now = [1000.0]
+    passing = SimpleNamespace(now=lambda: now[0], stands_still=lambda: False)
+    monkeypatch.setattr("tomotactile_ros.nodes.watch.PassingTime", lambda node: passing)
+    rclpy.init(args=ros_arguments({"layout": "equal-4x4"}), domain_id=domain)
+    node = PlainNode(Reconstruction)
+    first = node.part.report()
+    now[0] += 1.0
+    header = make_header(node.get_clock().now().nanoseconds * 1e-9, "skin")
+    node.part.accept(a_frame(stamp_of(header)), node.part._pipeline.layout.id, header)
+    then = node.part.report()
+    node.destroy_node()
+    rclpy.shutdown()
+    assert (first.level, first.message) == (DiagnosticStatus.WARN, "waiting for the first frame")
+    assert (then.level, then.message) == (DiagnosticStatus.OK, "images are made")
+
+
+def test_why_frames_were_refused_is_told_as_long_as_that_they_were(domain):
+    rclpy.init(args=[], domain_id=domain)
+    watch = FrameWatch(rclpy.create_node("waiting"), "/voltage_frame")
+    watch.refuse("its layout is another")
+    watch._since -= 10.0
+    assert "nobody publishes" in watch.complaint()
+    watch.accepted(0, 0.0, 0.0, 0.0)
+    (found,) = [each.text for each in watch.troubles() if each.name == "refused"]
+    assert found == "50 % of the frames are refused: its layout is another"
+    rclpy.shutdown()
+
+
+def test_a_driver_of_which_no_name_is_known_is_just_starting(domain, monkeypatch):
+    unknown = SimpleNamespace(
+        node_name="_NODE_NAME_UNKNOWN_", node_namespace="_NODE_NAMESPACE_UNKNOWN_", topic_type=TYPE
+    )
+    monkeypatch.setattr("rclpy.node.Node.get_publishers_info_by_topic", lambda *_: [unknown])
+    rclpy.init(args=[], domain_id=domain)
+    watch = FrameWatch(rclpy.create_node("waiting"), "/voltage_frame")
+    watch._since -= 10.0
+    assert "no frames: a driver that is just starting publishes" in watch.complaint()
     rclpy.shutdown()
 
 

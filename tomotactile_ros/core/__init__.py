@@ -37,7 +37,13 @@ def _compiled() -> Any:
             return import_module("tomotactile_ros._core_v3")
         except ModuleNotFoundError:  # it is not built for every processor
             pass
-    return import_module("tomotactile_ros._core")
+    try:
+        return import_module("tomotactile_ros._core")
+    except ModuleNotFoundError:
+        raise ImportError(
+            f"no compiled core in {Path(__file__).parents[1]}: where that is the source tree, start Python in "
+            "another folder, or by scripts/setup"
+        ) from None
 
 
 compiled = _compiled()

@@ -14,7 +14,7 @@ from tomotactile_ros.simulation import ROW_PERIOD
 
 
 class ReplayDevice(ThreadedDevice):
-    """Frames of a recording, stamped anew with the time at which they are played.
+    """Frames of a recording, stamped anew: their last row is taken when they are played.
 
     Parameters
     ----------
@@ -89,13 +89,13 @@ class ReplayDevice(ThreadedDevice):
             if self._stop.is_set():
                 return
             self._set_state("streaming", f"playing {self._path}")
-            frame = replace(frame, sequence=sequence, stamp=self.time.stamp(due))
             try:
-                end = self._play_rows(frame, due, distance)
+                end = self._play_rows(replace(frame, sequence=sequence), due, distance)
             except SetBack:  # the next frame is due as long after now as after this one
                 due = self._now()
                 continue
-            self._deliver(frame, end)
+            stamp = max(self.time.stamp(end) - rows_time(frame), 0.0)
+            self._deliver(replace(frame, sequence=sequence, stamp=stamp), end)
         self._set_state("finished", f"{self._path}: played to the end")
 
     def _play_rows(self, frame: Frame, begin: float, distance: float) -> float:

@@ -105,6 +105,9 @@ def import_frames(
         checks.positive(drive_voltage, "drive_voltage", "voltage in V")
         columns = _columns(table, layout, order, time_unit)
         told = [*table.told, *columns.told]
+        if infinite := np.count_nonzero(np.isinf(columns.values)):
+            columns.values = np.where(np.isinf(columns.values), np.nan, columns.values)
+            told.append(f"infinite readings taken for missing: {infinite}")
         chosen, how = _grounded(columns, layout, grounded)
         voltages, line = _arranged(columns.values, chosen, layout, axes, order, rotated)
         told.append(line)

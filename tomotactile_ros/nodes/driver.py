@@ -125,6 +125,7 @@ SPECS = (
     PATH_CHANGES,
 )
 
+_SOURCES = {"port": "serial", "recording": "replay"}  # where readings are, and for which device
 ROWS_DEPTH = 256  # messages of rows that may wait: a quarter of a second of single rows at 1 kHz
 
 
@@ -164,7 +165,13 @@ class Driver:
         self.parameters.warn_of_typos()
 
     def configure(self) -> None:
-        """Read the layout and make the device."""
+        """Read the layout and make the device; InputError where it would be simulated unasked."""
+        for name, needed in _SOURCES.items():
+            if self.parameters[name] and "device" not in self.parameters.given:
+                raise InputError(
+                    f"{name}: {self.parameters[name]} needs device:={needed}, it is "
+                    f"{self.parameters['device']}: data would be simulated"
+                )
         self._layout = load_layout(self.parameters["layout"])
         self._device = self._make_device(self.parameters.values)
         self._choose_order(self.parameters.values)
@@ -230,7 +237,10 @@ class Driver:
             found.append(Trouble("dead", False, text, which=electrodes))
         others = self._node.count_publishers(self._publisher.topic_name) - 1
         if others > 0:
-            text = f"{others} other publishers of {self._publisher.topic_name}: frames are mixed"
+            text = (
+                f"{others} other publishers of {self._publisher.topic_name}: frames are mixed, unless "
+                "they rest or have just died"
+            )
             found.append(Trouble("publishers", True, text))
         return found
 

@@ -22,6 +22,7 @@ from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from tomotactile_ros.support.checks import show
 from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.support.params_files import TYPO
 
@@ -167,11 +168,15 @@ class Parameters:
     def __getitem__(self, name: str) -> Any:
         return self.values[name]
 
+    @property
+    def given(self) -> dict[str, Parameter]:
+        """What was given at the start, by names."""
+        # rclpy offers no public look at it
+        return getattr(self._node, "_parameter_overrides", {})
+
     def warn_of_typos(self) -> None:
         """Log every given parameter that nobody declared and that looks like one of these."""
-        # rclpy offers no public look at the values given at the start
-        given = getattr(self._node, "_parameter_overrides", {})
-        for name in given:
+        for name in self.given:
             close = difflib.get_close_matches(name, self._specs, n=1, cutoff=TYPO)
             if close and not self._node.has_parameter(name) and name not in _DECLARED:
                 self._node.get_logger().warning(
@@ -200,7 +205,7 @@ class Parameters:
 
     def _refusal(self, spec: Spec) -> str:
         """Why the value that was given is refused, in other words than those of rclpy; empty: not known."""
-        given = getattr(self._node, "_parameter_overrides", {}).get(spec.name)
+        given = self.given.get(spec.name)
         if given is None:
             return ""
         kind = type(spec.default)
@@ -234,4 +239,6 @@ class Parameters:
         except InputError as error:
             return SetParametersResult(successful=False, reason=str(error))
         self.values = values
+        for name in sorted(changed):
+            self._node.get_logger().info(f"{name} is now {show(values[name], 200)}")
         return SetParametersResult(successful=True)

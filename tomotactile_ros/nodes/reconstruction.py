@@ -69,6 +69,7 @@ class Reconstruction:
         self._pipeline: Pipeline | None = None
         self._active = False
         self._complaint, self._complained = "", 0.0  # why no images, as the log has it, and when
+        self._said: tuple[str, ...] = ()  # about the pipeline
         self._pace, self._conditions = Pace(), Conditions(self._log)
         self._excluded: tuple[int, ...] = ()
         self._withheld = ""
@@ -228,6 +229,8 @@ class Reconstruction:
             text = f"frames name their layout without the hash of its geometry: whether it is {pipeline.layout.id} is not known"
             troubles.append(Trouble("bare layout", False, text))
         self._conditions.say(troubles)
+        if self._watch.waits and not troubles:
+            return Report(diagnostics.WARN, "waiting for the first frame", figures)
         level = max(map(diagnostics.level_of, troubles), default=diagnostics.OK)
         message = "; ".join(trouble.text for trouble in troubles) or "images are made"
         return Report(level, message, figures)
@@ -322,8 +325,10 @@ class Reconstruction:
 
     def _use(self, pipeline: Pipeline, values: dict[str, Any]) -> None:
         if pipeline is not self._pipeline:
-            self._log.info(pipeline.report)
-            self._log.info(f"forces by the contact law {law_in_words(values)}")
+            lines = pipeline.report, f"forces by the contact law {law_in_words(values)}"
+            for line in [each for each in lines if each not in self._said]:
+                self._log.info(line)
+            self._said = lines
             if self._pipeline is not None:
                 self._pipeline.stop()
         with self._rows_lock:

@@ -18,6 +18,7 @@ _WINDOW = 10  # s
 _OLD = 1.0  # s from a frame's stamp to its image, or the other way round
 _MOSTLY = 0.5  # of the age: work is the reason
 _OVERLONG = 2.0  # times the distance between stamps: stamps of other drivers may jitter
+_UNKNOWN = "_NODE_NAME_UNKNOWN_"  # what ROS calls a node of which it has heard no more than a topic
 _PATIENCE = 2.0  # s without a frame before it is said
 
 
@@ -48,10 +49,10 @@ class FrameWatch:
     def restart(self) -> None:
         """Begin to wait anew."""
         self._since = self._begun = self._now()
-        self._refusal = self._incompatible = ""
+        self._refusal = self._last_refusal = self._incompatible = ""
         # frames processed, missed, refused, stamped before the one before, longer than from one to
-        # the next, told late, cut by the deadline
-        self._recent = Recent(7, _WINDOW, self._now)
+        # the next, numbered before the one before, told late, cut by the deadline
+        self._recent = Recent(8, _WINDOW, self._now)
         self._lasts = self._step = 0.0
 
     def accepted(
@@ -78,7 +79,8 @@ class FrameWatch:
         if overlong:
             self._lasts, self._step = lasts, step
         self._sequence, self._stamp = sequence, stamp
-        self._recent.add(1, missed, 0, back, overlong, latency - lasts > deadline, not complete)
+        late = latency - lasts > deadline
+        self._recent.add(1, missed, 0, back, overlong, gap > 2**31, late, not complete)
         self.processed += 1
         self._latencies.append(latency)
         self._ages.append((self._now(), latency, duration))
@@ -88,8 +90,8 @@ class FrameWatch:
     def refuse(self, reason: str) -> None:
         """Note a frame that was refused."""
         self.refused += 1
-        self._recent.add(0, 0, 1, 0, 0, 0, 0)
-        self._refusal = reason
+        self._recent.add(0, 0, 1, 0, 0, 0, 0, 0)
+        self._refusal = self._last_refusal = reason
 
     def incompatible_qos(self, policy: str) -> None:
         """Note that a publisher's quality of service does not suit."""
@@ -100,15 +102,17 @@ class FrameWatch:
 
         Contacts of readings beyond `max_age`, s, are not valid; 0 for those of any age.
         """
-        processed, missed, refused, back, overlong, _, cut = self._recent.sums()
+        processed, missed, refused, back, overlong, in_turn, _, cut = self._recent.sums()
         found = []
         publishers = self._node.count_publishers(self._topic)
         if publishers > 1:
-            text = f"{publishers} publishers of {self._topic}: frames are mixed"
-            found.append(Trouble("publishers", True, text))
+            mixed = in_turn > 1  # once: a driver that was started again
+            unless = "" if mixed else ", unless one rests or has just died"
+            text = f"{publishers} publishers of {self._topic}: frames are mixed{unless}"
+            found.append(Trouble("publishers", mixed, text))
         if refused > _SOME * (processed + refused):
             share = 100 * refused / (processed + refused)
-            text = f"{share:.0f} % of the frames are refused: {self._refusal}"
+            text = f"{share:.0f} % of the frames are refused: {self._last_refusal}"
             found.append(Trouble("refused", share > 50, text))
         if missed > _MANY * (processed + missed):
             share = 100 * missed / (processed + missed)
@@ -215,8 +219,18 @@ class FrameWatch:
                 f"({self._incompatible}): see qos_overrides of both nodes"
             )
         who = ", ".join(sorted({_full_name(p) for p in publishers}))
-        return f"no frames: {who} publishes {self._topic}, but nothing arrives; see its diagnostics"
+        return (
+            f"no frames: {who} publishes {self._topic}, but nothing arrives: its diagnostics say why, unless "
+            "it has just died"
+        )
+
+    @property
+    def waits(self) -> bool:
+        """Whether no frame was processed since it began to wait."""
+        return self._since == self._begun
 
 
 def _full_name(publisher: TopicEndpointInfo) -> str:
+    if publisher.node_name == _UNKNOWN:
+        return "a driver that is just starting"
     return f"{publisher.node_namespace.rstrip('/')}/{publisher.node_name}"

@@ -87,7 +87,10 @@ _LEFT_OVER = 0.05
 _UNLIKE = 0.08
 # of the sheet's longer side: how far electrodes on one line stray from it, and where the sheet is looked for
 _STRAIGHT, _ASIDE = 1e-3, 0.05
-UNDECIDED = "the deadline came before it was known what touches, if anything"
+UNDECIDED = (
+    "the deadline came before it was known what touches, if anything: a longer deadline, a lower rate or "
+    "delivery:=rows helps"
+)
 NO_IMAGE = "something changed between the rows of the frame, or many readings are missing: no image is made"
 CONTRADICTS = "its readings contradict all others"  # why a channel is left out
 STILL = "a multiplexer, a converter or its supply is broken or not connected"
