@@ -262,3 +262,31 @@ def test_rows_follow_a_conductor_on_an_electrode():
             assert number == 0 or (not result.reason and result.faults == {}), (number, at)
     found = sorted((c.x, c.y) for c in result.contacts)
     assert np.allclose(found, sorted(tuple(each.center) for each in discs), atol=2e-3)
+
+
+@pytest.mark.parametrize(
+    "place, radius",
+    [
+        ((-0.03944, -0.03568), 0.00562),
+        ((-0.02134, -0.07539), 0.00539),
+        ((0.00784, -0.01103), 0.00478),
+        ((-0.0722, 0.04906), 0.00634),
+    ],
+)
+def test_a_bare_conductor_that_touches_the_rim_of_an_electrode_is_as_unsure_as_it_is_wrong(
+    place, radius
+):
+    """0.4 to 0.9 mm off, known to 0.07."""
+    layout = load_layout("equal-8x8")
+    scene = Scene(
+        "bare",
+        DRIVE,
+        (Contact("disc", place, radius=radius),),
+        noise=Noise(1e-3),
+        adc=Adc(12, DRIVE),
+    )
+    pipeline = Pipeline(layout, Settings("accurate"))
+    (contact,) = pipeline.process(Simulator(layout, scene).measure(0.0)).contacts
+    way = np.array([contact.x, contact.y]) - place
+    spread = np.reshape(contact.position_covariance, (2, 2))
+    assert way @ np.linalg.solve(spread, way) < 6.0

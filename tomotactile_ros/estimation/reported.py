@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from tomotactile_ros.estimation.fit import Fit
 from tomotactile_ros.estimation.forward import RATED
+from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.touch import RADIUS, X, Y
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.scenes.contact import ContactLaw
@@ -20,6 +22,9 @@ _LIKELY = 1.0  # the same where no contact is certain: its deviations say how li
 # spacings: what the model of electrodes and contacts errs in places, standard deviation; as many times as
 # much as the sheet is more uneven than was expected, as the model is of first order in that
 PLACE_FLOOR = 1.5e-3
+# the same of a bare conductor, radii of an electrode, whose rim crosses that of one or comes as near: four charges
+# stand for it there (0.8 mm rms for electrodes of 2.5 mm, by a mesh bent along both rims)
+RIM_FLOOR = 0.3
 # the same of wide contacts, radii, for each spacing that the radius is long: their patches are wide, too
 WIDE_FLOOR = 5e-3
 FORCE_FLOOR = 0.02  # the same of forces, relative
@@ -132,6 +137,15 @@ def place_floor(fit: Fit, uneven: float) -> float:
     return float(np.hypot(PLACE_FLOOR * fit.operator.pitch * uneven, in_common))
 
 
+def rim_floor(operator: SheetOperator, place: tuple[float, float], radius: float) -> float:
+    """Standard deviation of the place of a bare conductor in x and in y, m, of what the model errs where its
+    rim meets that of an electrode."""
+    layout = operator.layout
+    apart = np.hypot(*(layout.positions[operator.used] - place).T)
+    meets = np.abs(apart - radius) < (1 + RIM_FLOOR) * layout.radius
+    return RIM_FLOOR * layout.radius * bool(meets.any())
+
+
 def _contact(
     fit: Fit,
     i: int,
@@ -178,6 +192,7 @@ def _contact(
     x, y = prediction.touches.centre(i) + ahead * u.rates[i, :2]
     place = own[np.ix_([index[X], index[Y]], [index[X], index[Y]])]
     wide = WIDE_FLOOR * radius**2 / operator.pitch
+    floor = math.hypot(floor, rim_floor(operator, (x, y), radius)) if bare else floor
     place = place + np.eye(2) * (floor**2 + wide**2) + aside[:2, :2]
     place = place + ahead**2 * np.diag(_velocity_variance(fit, i)) * fit.doubt
     return Contact(

@@ -42,6 +42,7 @@ from tomotactile_ros.estimation.reported import (
     Contact,
     Estimate,
     crowded,
+    rim_floor,
     told,
 )
 from tomotactile_ros.estimation.row_checks import IN_TURN, OVERDRIVEN, RangeEnd, Turns
@@ -591,6 +592,8 @@ class RowEstimator:
         (xx, xy), (yx, yy) = covariance[:2, :2].tolist()
         x, y, vx, vy = mean[:4].tolist()
         radius = math.sqrt(area / math.pi)
+        if bare:
+            floor += rim_floor(operator, (x, y), radius) ** 2
         return Contact(
             x,
             y,
