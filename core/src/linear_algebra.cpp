@@ -42,6 +42,7 @@ Matrix inverse_of(const Matrix& system) {
 }
 
 Vector least_squares(const Matrix& system, const Vector& right) {
+  if (!right.size() || !system.allFinite() || !right.allFinite()) return Vector::Zero(right.size());
   const Eigen::SelfAdjointEigenSolver<Matrix> found(system);
   const double least = kRank * found.eigenvalues().cwiseAbs().maxCoeff();
   Vector along = found.eigenvectors().transpose() * right;

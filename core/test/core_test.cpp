@@ -1,6 +1,7 @@
 // What can be proved of the core without Python: physics of a sheet that is small enough to be written down.
 #include <cmath>
 #include <cstdio>
+#include <limits>
 
 #include "tomotactile/lattice.hpp"
 #include "tomotactile/linear_algebra.hpp"
@@ -72,6 +73,8 @@ void algebra() {
   check(thrown, "a matrix that is not positive definite is refused");
   Matrix flat = Matrix::Ones(2, 2);
   check((least_squares(flat, Vector::Ones(2)) - Vector::Constant(2, 0.5)).norm() < 1e-12, "least norm of a singular system");
+  flat(0, 1) = std::numeric_limits<double>::infinity();
+  check(least_squares(flat, Vector::Ones(2)).isZero() && !least_squares(Matrix(0, 0), Vector(0)).size(), "no solution of what is not finite");
 }
 
 }  // namespace

@@ -102,7 +102,7 @@ class FrameSeen:
     def of(cls, estimate: Estimate, state: State) -> FrameSeen:
         """What was just estimated with `state`, at times that are not known yet."""
         fit = None
-        if estimate.state == "valid" and state.fit is not None:
+        if estimate.state == "valid" and state.fit is not None and state.fit.equations is not None:
             fit = Fitted.of(state.fit)
         return cls(estimate, fit, settling=state.settling)
 

@@ -10,7 +10,7 @@ namespace tomotactile {
 // Solution of a symmetric system that is positive definite unless tables are off: Cholesky, else LU.
 Matrix solved(const Matrix& system, const Matrix& right);
 Matrix inverse_of(const Matrix& system);
-// Solution with the least norm of a symmetric system that rounding leaves without full rank.
+// Solution with the least norm of a symmetric system that rounding leaves without full rank; 0 where it is not finite.
 Vector least_squares(const Matrix& system, const Vector& right);
 
 // x >= 0 with the least x^T normal x / 2 - along^T x: active sets (Lawson and Hanson 1974, chapter 23). Throws
