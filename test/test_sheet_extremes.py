@@ -51,11 +51,20 @@ discs = st.builds(lambda at, r: Contact("disc", center=at, radius=r), places, st
 @settings(max_examples=20, deadline=None)
 @given(st.sampled_from(MODELS), st.lists(st.tuples(discs, conductances), min_size=1, max_size=4))
 def test_any_contacts(model, contacts):
-    """Between ground and drive; up to 6 % over where a bare edge runs along an electrode (5.3 % were found)."""
+    """Between ground and drive; up to 5 % over where a bare edge runs along an electrode."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         warnings.simplefilter("ignore", Doubt)  # of a sheet resistance of 1 ohm/sq
-        check(press(sheet_of(model), contacts), over=0.06)
+        check(press(sheet_of(model), contacts), over=0.05)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_what_conducts_nothing_changes_nothing(model):
+    """Its patches stood for smaller ones of the other contact, and readings were 5.3 % over the drive."""
+    idle = Contact("disc", center=(-0.0390625, -0.0390625), radius=0.0234375)
+    bare = Contact("disc", center=(-0.03966631229076803, -0.03125), radius=0.015625)
+    both = press(sheet_of(model), [(idle, 0.0), (bare, np.inf)])
+    np.testing.assert_allclose(both, press(sheet_of(model), [(bare, np.inf)]), rtol=1e-12)
 
 
 @pytest.mark.parametrize("model", MODELS)

@@ -48,7 +48,7 @@ def contact_points(
     conductance = np.concatenate(
         [np.empty(0), *(np.broadcast_to(g, len(each[1])) for each, g in contacts)]
     )
-    inside = layout.outline.contains(points, 1e-9 * max(layout.outline.size))
+    inside = layout.outline.contains(points, 1e-9 * max(layout.outline.size)) & (conductance > 0)
     points, areas, radii = points[inside], areas[inside], radii[inside]
     conductance = conductance[inside]
     apart, nearest = layout.nearest(points)

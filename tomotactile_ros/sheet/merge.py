@@ -126,7 +126,7 @@ def merge(layout: Layout, tracks: Sequence[Track], reach: float) -> Merged:
         start = parts[-1].stop
         points = track.centers[:, None] + offsets
         far = float(np.linalg.norm(offsets, axis=1).max())
-        inside = _inside(layout.outline, points, track.centers, far)
+        inside = _inside(layout.outline, points, track.centers, far) & (track.conductance > 0)
         near = max(reach, layout.radius + 2 * max(radii.max(), np.sqrt(areas.max() / np.pi)))
         apart, nearest = _nearest(layout, points, track.centers, far, near)
         conductance = np.broadcast_to(track.conductance, apart.shape)
