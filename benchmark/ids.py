@@ -3,8 +3,9 @@
     scripts/setup python3 benchmark/ids.py --scene default slide tap --profile fast balanced accurate --minutes 10
 
 Contacts that are valid are paired with what really touches at their stamp. `changed` counts touches that
-were given a second id, each on a line with the least true force meanwhile; `missed` messages in which a touch of a quarter newton or more has no contact, and
-`nothing` contacts where nothing touches; `gap` is the longest time between two valid messages, s.
+were given a second id, each on a line with the least true force meanwhile; `missed` messages in which a
+touch of a quarter newton or more has no contact, and `nothing` contacts where nothing touches; `gap` is
+the longest time between two valid messages, s.
 """
 
 import argparse

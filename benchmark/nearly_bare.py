@@ -24,8 +24,6 @@ from tomotactile_ros.simulation import Simulator
 
 RADII = 0.16, 0.32, 0.6, 1.2, 1.8  # spacings
 STRENGTHS = 0.3, 1.0, 2.0, 4.0, 8.0, 16.0  # g R_s / 2 pi
-
-
 DISCS = 0.003, 0.008  # m: radii of bare conductors, from and to
 BARE = 1e4  # S/m2
 # gaps between the rims of conductor and electrode, radii of the electrode
@@ -42,17 +40,13 @@ def rims(layout: Layout, count: int, profile: str) -> None:
         at = electrode + away * np.array([np.cos(turn), np.sin(turn)])
         gap = (away - radius) / layout.radius - 1
         (case,) = [name for name, (least, most) in GAPS.items() if least <= gap <= most]
-        inside = layout.outline.contains(at[None])[0]
-        if (
-            not inside
-            or layout.outline.rim_distance(at[None])[0] < radius
-            or len(found[case]) == count
-        ):
+        outline = layout.outline
+        whole = outline.contains(at[None])[0] and outline.rim_distance(at[None])[0] > radius
+        if not whole or len(found[case]) == count:
             continue
         disc = Contact("disc", center=tuple(at), radius=radius)
-        frame = reference_frame(sheet.solve([(disc, BARE)]), DRIVE) + draw.normal(
-            0, NOISE, (layout.electrodes,) * 2
-        )
+        frame = reference_frame(sheet.solve([(disc, BARE)]), DRIVE)
+        frame += draw.normal(0, NOISE, frame.shape)
         contacts = make_pipeline(layout, profile).process(frame, layout.grounded, DRIVE).contacts
         if len(contacts) != 1:
             other += 1

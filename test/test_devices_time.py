@@ -144,13 +144,19 @@ def test_a_simulation_that_cannot_keep_up_leaves_frames_out(run):
     assert device.status().counters["frames_skipped"] == 4
 
 
-@pytest.mark.parametrize("rows", [False, True])
-def test_a_recording_keeps_its_distances_in_the_time(run, tmp_path, rows):
+@pytest.fixture
+def recording(tmp_path):
+    """Six frames of 0.1 s, 0.1 s apart."""
     frame = Simulator(LAYOUT, SCENE, row_period=0.025).frame(0.0)
     path = tmp_path / "frames.npz"
     times = {"stamps": 7.0 + 0.1 * np.arange(6), "row_period": 0.025}
     np.savez(path, voltages=[frame] * 6, grounded=np.arange(4), drive_voltage=3.3, **times)
-    sensor = run(ReplayDevice(path, 4), rows)
+    return path
+
+
+@pytest.mark.parametrize("rows", [False, True])
+def test_a_recording_keeps_its_distances_in_the_time(run, recording, rows):
+    sensor = run(ReplayDevice(recording, 4), rows)
     sensor.time.go(100.0, 100.05, 100.12, 100.19)
     assert stamps(sensor.frames) == pytest.approx([100.0] if rows else [99.9, 100.0])
     assert stamps(sensor.rows) == pytest.approx([100.0, 100.05, 100.1] if rows else [])
@@ -160,13 +166,9 @@ def test_a_recording_keeps_its_distances_in_the_time(run, tmp_path, rows):
 
 
 @pytest.mark.parametrize("rows", [False, True])
-def test_no_row_of_a_recording_is_of_the_future(run, tmp_path, rows):
+def test_no_row_of_a_recording_is_of_the_future(run, recording, rows):
     """Also where it is played faster than it was scanned."""
-    frame = Simulator(LAYOUT, SCENE, row_period=0.025).frame(0.0)
-    path = tmp_path / "frames.npz"
-    times = {"stamps": 7.0 + 0.1 * np.arange(6), "row_period": 0.025}
-    np.savez(path, voltages=[frame] * 6, grounded=np.arange(4), drive_voltage=3.3, **times)
-    sensor = run(ReplayDevice(path, 4, rate=20.0), rows)
+    sensor = run(ReplayDevice(recording, 4, rate=20.0), rows)
     sensor.time.go(100.0, 100.11, 100.16, 100.21)
     ends = [frame.stamp + 4 * frame.row_period for frame in sensor.frames]
     assert ends == pytest.approx(

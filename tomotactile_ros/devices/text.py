@@ -252,7 +252,7 @@ class TextFrames:
         if readings == self._electrodes:
             has = "its number or its separators elsewhere than the others"
         else:
-            has = f"{readings} readings, the layout has {readings - forms[odd][1] + usual[1]} electrodes"
+            has = f"{readings} readings, the layout has {self._electrodes} electrodes"
         return f"the row of electrode {self.order[odd]} has {has}"
 
     def _numbers_read(self) -> str:

@@ -7,10 +7,10 @@ may err and a finger gets while a frame is read; else than it gets meanwhile. On
 than in the frame before, by more than both deviations allow, moves, also where the rows of a frame
 alone do not tell it from rest.
 
-Only frames, or rows, without a contact end it, those of a whole scan: nobody lets go and touches the same
-place again within one, and what is there again was lost, as where rows were left out. Time for which nothing is told ends none, however
-long: no reading says that anything was let go. Nor does what is told late, of a time before: a frame whose
-estimate took long, while rows went on.
+Only frames, or rows, without a contact end it, those of a whole scan: nobody lets go and touches the
+same place again within one, and what is there again was lost, as where rows were left out. Time for which
+nothing is told ends none, however long: no reading says that anything was let go. Nor does what is told
+late, of a time before: a frame whose estimate took long, while rows went on.
 """
 
 from __future__ import annotations
