@@ -1,6 +1,7 @@
 """Contacts followed row by row."""
 
 import json
+from collections import defaultdict
 from dataclasses import replace
 
 import numpy as np
@@ -499,3 +500,33 @@ def test_a_hand_at_rest_stays_where_rows_are_left_out():
             if state.touching is not None:
                 there.add(tuple(sorted(state.touching)))
     assert len(there) == 1 and len(there.pop()) == len(scene.contacts)
+
+
+def test_frames_told_late_move_no_contact_where_rows_were_lost():
+    """Rows told nothing of the end of a frame: what they had before was taken for what they said then, and by how far
+    it was off, the contact was moved that they knew well by now. It got another number, and others came with it."""
+    scene, layout = load_scene("slide"), load_layout("equal-8x8")
+    simulator = Simulator(layout, scene, row_period=ROW_PERIOD)
+    pipeline = Pipeline(layout, Settings("fast", contact_law=scene.contact_law))
+    random, state = np.random.default_rng(1), pipeline.rows(waits=False)
+    frames, ids, off, lost = [], defaultdict(set), [], 0
+    for number in range(120):
+        begun, last = 64 * ROW_PERIOD * number, None
+        frames.append((simulator.frame(begun, number), np.arange(64), DRIVE, ROW_PERIOD, begun))
+        for i, row in enumerate(frames[-1][0]):
+            if number > 3 and lost <= 64 * number + i and random.random() < 0.04:
+                lost = 64 * number + i + random.integers(10, 180)
+            if lost <= 64 * number + i:
+                last = begun + i * ROW_PERIOD
+                pipeline.follow_row(row, i, DRIVE, last, state)
+        if number >= 5 and state.asks:
+            pipeline.correct(state, *frames[number - 5])
+        if number < 8 or last is None:
+            continue
+        contacts = pipeline.after_row(state).contacts
+        for which, true in enumerate(scene.contacts):
+            place = true.at(last).centroid
+            near = min(contacts, key=lambda c: np.hypot(c.x - place[0], c.y - place[1]))
+            off.append(float(np.hypot(near.x - place[0], near.y - place[1])))
+            ids[which].add(near.id)
+    assert max(off) < 0.01 and [len(each) for each in ids.values()] == [1, 1]

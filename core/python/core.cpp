@@ -588,7 +588,11 @@ PYBIND11_MODULE(TOMOTACTILE_MODULE, m) {
       .def_property_readonly("contacts", [](const Belief& b) { return array({b.count(), 4}, b.contacts().data()); })
       .def_property_readonly("places", [](const Belief& b) {
         py::dict out;
-        for (Index i = 0; i < b.count(); ++i) out[py::int_(b.numbers[i])] = array({2}, b.mean.data() + kState * i);
+        for (Index i = 0; i < b.count(); ++i) {  // m, and m/s, and the covariance of these
+          Eigen::Matrix4Xd each(4, 5);
+          each << b.mean.segment<4>(kState * i), b.covariance.block<4, 4>(kState * i, kState * i);
+          out[py::int_(b.numbers[i])] = array({5, 4}, each.data());
+        }
         return out;
       })
       .def("without", [](const Belief& b, Index which) {

@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtri
 
+from tomotactile_ros.core import compiled
 from tomotactile_ros.estimation.arrangement import chosen
 from tomotactile_ros.estimation.estimator import RESTING, SLIDING, State
 from tomotactile_ros.estimation.fit import Fit
@@ -121,10 +122,13 @@ def corrected(
 ) -> None:
     """Takes a valid frame and its fit into `state`.
 
-    then : {number: place (2,), m} of contacts as rows had it when the frame ended
+    then : {number: (3, 2) place, m, and its covariance, m²} of contacts as rows had it when the frame
+        ended (`placed`)
     ended : whether rows saw something end within the frame or the one before: it may show it still
     """
     operator, belief = follower.operator, state.belief
+    spread = {number: each[1:] for number, each in then.items()}
+    then = {number: each[0] for number, each in then.items()}
     found, state.uneven = fit.unknowns.after(fit.lasts), fit.uneven
     since = max(state.time - seen.ended, 0.0)
     reach, confused = REACH * operator.pitch, bool(np.isinf(state.confused))
@@ -174,7 +178,7 @@ def corrected(
                 mean[:2] += since * found.rates[i, :2]
                 before = belief.mean[STATE * which : STATE * which + 2]
             mean[:2] -= before
-            belief = _agreed(belief, which, mean, own, sizes, confused)
+            belief = _agreed(belief, which, mean, own, sizes, None if confused else spread[number])
     taken_over = {number for number, *_ in state.wide}
     unclear = dict(enumerate(found.contacts[blurred, :2]))  # may be one of those that rows have
     for j in reversed(range(belief.count)):
@@ -200,6 +204,17 @@ def corrected(
         state.belief, state.unexplained = belief, 0
     state.confused, state.touched_at_once = 0.0, False
     state.read = max(state.read, 1)  # a first row that is touched needs no other frame
+
+
+def placed(past: Mapping[int, np.ndarray], lasts: float) -> dict[int, np.ndarray]:
+    """{number: (3, 2) place, m, and its covariance, m²} of contacts `lasts` s after rows had them as in
+    `RowsState.past`: rows that were lost since then do not tell how they went on (`belief.hpp`)."""
+    onward = np.hstack([np.eye(2), lasts * np.eye(2)])
+    unseen = compiled.ENDURING**2 / compiled.WITHIN * lasts**3 / 3 * np.eye(2)
+    return {
+        number: np.vstack([onward @ each[0], onward @ each[1:] @ onward.T + unseen])
+        for number, each in past.items()
+    }
 
 
 def _strays(way: np.ndarray, known: Known) -> bool:
@@ -265,20 +280,25 @@ def _agreed(
     mean: np.ndarray,
     covariance: np.ndarray,
     sizes: np.ndarray,
-    confused: bool,
+    then: np.ndarray | None,
 ) -> Belief:
     """The contact `which` of rows with the size that the frame found, and with its place where they
-    contradict; `mean` (5,) has the change of the place in the place of the place."""
+    contradict; `mean` (5,) has the change of the place in the place of the place.
+
+    then (2, 2) : covariance, m², of the place by rows when the frame ended, which may have been known far
+        less well than it is by now; None where rows are not believed
+    """
     at = slice(STATE * which, STATE * which + STATE)
     change = mean[:2]
-    own = belief.covariance[at, at]
-    resting = np.hypot(*belief.mean[at][2:4]) < RESTING + 3 * np.sqrt(own[2, 2] + own[3, 3])
-    unlike = change @ np.linalg.solve(own[:2, :2] + covariance[:2, :2] + _FLOOR * np.eye(2), change)
     sized = belief.sizes.copy()
     sized[which] = sizes
     belief = belief.replaced(sizes=sized)
-    if not confused and (not resting or unlike < chdtri(2, _CONTRADICTS)):
-        return belief
+    if then is not None:
+        own = belief.covariance[at, at]
+        rests = np.hypot(*belief.mean[at][2:4]) < RESTING + 3 * np.sqrt(own[2, 2] + own[3, 3])
+        unlike = change @ np.linalg.solve(then + covariance[:2, :2] + _FLOOR * np.eye(2), change)
+        if mean[2:4].any() or not rests or unlike < chdtri(2, _CONTRADICTS):
+            return belief
     moved, spread = belief.mean.copy(), belief.covariance.copy()
     moved[at], spread[at], spread[:, at] = [*(moved[at][:2] + change), *mean[2:]], 0.0, 0.0
     spread[at, at] = covariance

@@ -29,6 +29,7 @@ from tomotactile_ros.estimation.frames_in_rows import (
     carried_on,
     corrected,
     linearised,
+    placed,
     sliding,
     wide_now,
 )
@@ -65,6 +66,7 @@ _REMEMBERED = 2048  # rows: a frame whose estimate takes longer than they lasted
 # electrodes
 _KEPT, _EACH = 128, 0.05
 _LOOKED_AT = 0.5  # s: a sensor may break, and a frame tells by what
+_NEXT = 1.5  # times the time from one row to the next: beyond it this is not the row after that one
 _OFF_CENTRE = 0.15  # of the radius: how far off the middle of a wide contact rows may see it
 _OTHER_NOISE = 0.2  # of its logarithm: rows go on with what frames show
 _DOUBTFUL = 2  # frames one after another that nothing explains: rows are not believed either
@@ -86,7 +88,7 @@ class RowsState:
     settling : what readings keep of the row before, as frames have shown it
     last_row : its readings, V, and the electrode that it grounded
     means : {number of a contact: where its mean D was taken, m and ln m, and `Touches`}
-    past : (time, {number: place (2,)}) after each of the last rows
+    past : (time, {number: (5, 4) place, m, velocity, m/s, and their covariance}) after each of the last rows
     kept : some of the rows of late, while they wait for what a frame tells
     """
 
@@ -264,6 +266,8 @@ class RowEstimator:
         voltages = known = read
         before = None if state.settling is None else state.before
         if state.settling is not None and before is not None:
+            if state.lasts(2) and time - state.past[-1][0] > _NEXT * state.lasts(2):
+                before = np.full(len(read), np.nan)  # rows between were lost
             voltages = state.settling.less(read, before)
             known = np.where(np.isnan(voltages), read, voltages)
         state.last_row = known, grounded
@@ -434,7 +438,8 @@ class RowEstimator:
             state.doubted, state.doubt = state.doubted + 1, estimate.reason
             return
         state.doubted = 0
-        then = next((places for at, places in reversed(state.past) if at <= seen.ended), None)
+        had = ((at, places) for at, places in reversed(state.past) if at <= seen.ended)
+        then = next((placed(places, seen.ended - at) for at, places in had), None)
         if fit is None:  # what moves within a frame has none, but places
             reach = REACH * float(np.median(self.estimator.layout.pitches))
             if then is not None and _are_those(then, estimate.contacts, reach):
@@ -619,10 +624,11 @@ def _leave_to_rows(left_out: dict[int, str]) -> FollowedRows | None:
 
 
 def _are_those(places: dict[int, np.ndarray], contacts: list[Contact], reach: float) -> bool:
-    """Whether `contacts` of a frame are those that rows have at `places`, m, each within `reach`, m."""
+    """Whether `contacts` of a frame are those that rows have at `places` (`placed`), each within `reach`,
+    m."""
     if len(places) != len(contacts):
         return False
-    way = [[np.hypot(x - c.x, y - c.y) for c in contacts] for x, y in places.values()]
+    way = [[np.hypot(x - c.x, y - c.y) for c in contacts] for (x, y), *_ in places.values()]
     cost = np.minimum(np.reshape(way, (len(contacts), len(contacts))) / reach, 1.0)
     return bool((cost[linear_sum_assignment(cost)] < 1).all())
 
