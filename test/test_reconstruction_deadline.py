@@ -231,6 +231,29 @@ def test_a_search_that_ended_late_is_where_the_next_begins(layout, frames):
     assert np.allclose(*found, atol=1e-6)
 
 
+def test_what_rows_have_told_since_makes_a_late_result_none(layout, frames):
+    """One of minutes ago, when rows had not been known yet, was told where they were lost for a moment: as the clock
+    that frames and rows have was thought to be set back, all contacts got other numbers."""
+    pipeline = Pipeline(layout, Settings("balanced"))
+    gate, search = threading.Event(), pipeline._process
+    pipeline._process = lambda given: (gate.wait(LIMIT), search(given))[1]
+    pipeline.process(frames[0], deadline=AT_ONCE)
+    gate.set()
+    pipeline._within._job.wait(LIMIT)
+    state = pipeline.rows()
+    for i in range(2 * layout.electrodes):
+        frame, ground = frames[i // layout.electrodes], i % layout.electrodes
+        row, time = frame.voltages[ground], frame.stamp + ground * frame.row_period
+        said = pipeline.process_row(
+            row, int(frame.grounded[ground]), frame.drive_voltage, time, state
+        )
+    gate.clear()
+    told = pipeline.process(frames[2], deadline=0.2)
+    gate.set()
+    pipeline.stop()
+    assert said.state == "valid" and told.holds >= 0
+
+
 def test_a_late_result_says_for_when_it_holds(layout, frames):
     pipeline = Pipeline(layout, Settings("balanced"))
     gate, search = threading.Event(), pipeline._process

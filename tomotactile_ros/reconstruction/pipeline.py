@@ -196,7 +196,7 @@ class Pipeline:
         self._whole: _Found | None = None  # of the last one that was complete
         self._rows: RowEstimator | None = None
         self._changing = Changing(self._row_estimator)
-        self._told = -math.inf  # s, for which the last result holds
+        self._told = -math.inf  # s, for which the last result holds, of a frame or of a row
         self._ended = 0.0  # s, when the last row of the last frame was read
         self._last_row: np.ndarray | None = None  # (E,) V, potentials in it, if rows have times
         self._tracks = Tracks(float(np.median(layout.pitches)))
@@ -565,6 +565,7 @@ class Pipeline:
         followed = self._row_estimator().report(state)
         contacts = [_reported(contact) for *_, contact in followed.contacts]
         if followed.state == "valid":
+            self._told = state.rows.time  # what a frame before it is searched for is no news
             given = [(number, age) for number, age, _ in followed.contacts]
             lasts = state.lasts(self.layout.electrodes)
             tracked = self._tracks.follow(contacts, state.rows.time, lasts, given)
