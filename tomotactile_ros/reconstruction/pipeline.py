@@ -782,7 +782,9 @@ class Pipeline:
         """The estimate without channels whose couplings no sheet has, swapped wires for example, if
         that explains more."""
         bad = self._read(given.once())[1]
-        if not set(_numbers(bad)) - set(estimate.left_out):
+        # the reading of an electrode that is never grounded is used, as a conductor may cover it
+        unread = {e for e, why in estimate.left_out.items() if why != screening.OPEN}
+        if not set(_numbers(bad)) - unread:
             return estimate
         before = copy(self._state)
         again = self._without(bad, given)
