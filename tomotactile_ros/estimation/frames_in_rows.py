@@ -2,7 +2,7 @@
 there.
 
 Rows have told of the sensor and of small contacts what the frame tells, which is the same readings:
-they keep it, unless a resting contact is significantly elsewhere; then the frame is right, which
+they keep it, unless a contact is significantly elsewhere, and not as it moves; then the frame is right, which
 fits all rows at once. It tells sizes, contacts that rows missed, and which of theirs are none. Wide
 contacts and shapes of several discs are not followed: rows take them for a part of the sheet until
 the next frame.
@@ -21,7 +21,7 @@ from scipy.special import chdtri
 
 from tomotactile_ros.core import compiled
 from tomotactile_ros.estimation.arrangement import chosen
-from tomotactile_ros.estimation.estimator import RESTING, SLIDING, State
+from tomotactile_ros.estimation.estimator import SLIDING, State
 from tomotactile_ros.estimation.fit import Fit
 from tomotactile_ros.estimation.follow import Follower
 from tomotactile_ros.estimation.forward import Prediction, Unknowns
@@ -50,6 +50,7 @@ _ELSEWHERE = 1.0
 _LINEAR = 0.5
 POOR = 1.5  # chi-squared a reading: frames of one state that were looked at have 1.0 to 1.1
 _CONTRADICTS = 1e-3  # probability of a difference as large between rows and the frame of the same
+_AT_MOST = 3.0  # standard deviations: what moves is no faster than that above its speed
 _FLOOR = 1e-7  # m²: differences below 0.3 mm are none
 
 
@@ -178,7 +179,9 @@ def corrected(
                 mean[:2] += since * found.rates[i, :2]
                 before = belief.mean[STATE * which : STATE * which + 2]
             mean[:2] -= before
-            belief = _agreed(belief, which, mean, own, sizes, None if confused else spread[number])
+            seconds = state.time - seen.begun
+            known_then = None if confused else spread[number]
+            belief = _agreed(belief, which, mean, own, sizes, known_then, seconds)
     taken_over = {number for number, *_ in state.wide}
     unclear = dict(enumerate(found.contacts[blurred, :2]))  # may be one of those that rows have
     for j in reversed(range(belief.count)):
@@ -281,12 +284,15 @@ def _agreed(
     covariance: np.ndarray,
     sizes: np.ndarray,
     then: np.ndarray | None,
+    seconds: float,
 ) -> Belief:
     """The contact `which` of rows with the size that the frame found, and with its place where they
-    contradict; `mean` (5,) has the change of the place in the place of the place.
+    contradict, as far as it may not have moved: a frame knows less of that than rows. `mean` (5,) has the
+    change of the place in the place of the place.
 
     then (2, 2) : covariance, m², of the place by rows when the frame ended, which may have been known far
         less well than it is by now; None where rows are not believed
+    seconds : since the frame began
     """
     at = slice(STATE * which, STATE * which + STATE)
     change = mean[:2]
@@ -295,9 +301,9 @@ def _agreed(
     belief = belief.replaced(sizes=sized)
     if then is not None:
         own = belief.covariance[at, at]
-        rests = np.hypot(*belief.mean[at][2:4]) < RESTING + 3 * np.sqrt(own[2, 2] + own[3, 3])
+        speed = np.hypot(*belief.mean[at][2:4]) + _AT_MOST * np.sqrt(own[2, 2] + own[3, 3])
         unlike = change @ np.linalg.solve(then + covariance[:2, :2] + _FLOOR * np.eye(2), change)
-        if mean[2:4].any() or not rests or unlike < chdtri(2, _CONTRADICTS):
+        if np.hypot(*change) < speed * seconds or unlike < chdtri(2, _CONTRADICTS):
             return belief
     moved, spread = belief.mean.copy(), belief.covariance.copy()
     moved[at], spread[at], spread[:, at] = [*(moved[at][:2] + change), *mean[2:]], 0.0, 0.0
