@@ -19,6 +19,7 @@ from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.reported import Estimate
 from tomotactile_ros.estimation.row_estimator import RowEstimator, RowsState
 from tomotactile_ros.estimation.row_model import Known, RowModel
+from tomotactile_ros.estimation.settling import Settling
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.scenes.contact import Contact, ContactLaw
@@ -530,3 +531,21 @@ def test_frames_told_late_move_no_contact_where_rows_were_lost():
             off.append(float(np.hypot(near.x - place[0], near.y - place[1])))
             ids[which].add(near.id)
     assert max(off) < 0.01 and [len(each) for each in ids.values()] == [1, 1]
+
+
+def test_what_a_reading_keeps_is_of_the_row_before_it_also_where_rows_are_lost(estimator):
+    """The last row that came was taken for it, and contacts were 0.7 mm off for it."""
+    kept, frames = 0.02, frames_of([replace(RESTING, start=0.0205)], 12).reshape(-1, 16)
+    before = np.nan_to_num(np.vstack([frames[:1], frames[:-1]]))
+    rows, state = RowEstimator(estimator, frames=False), RowsState()
+    expected = Settling.expected(16)
+    state.settling = replace(expected, part=np.full(16, kept), covariance=1e-8 * np.eye(16))
+    off = []
+    for i, row in enumerate((1 - kept) * frames + kept * before):
+        if i > 60 and i % 7 > 3:
+            continue
+        said = rows.estimate(row, i % 16, DRIVE, i * ROW_PERIOD, state)
+        if i > 60:
+            [place] = numbers_and_places(said).values()
+            off.append(np.hypot(*np.subtract(place, RESTING.center)))
+    assert len(off) > 60 and max(off) < 4e-4
