@@ -10,7 +10,10 @@ from dataclasses import replace
 import numpy as np
 from ros_support import Probe, Process, program
 
-PRESSED = (0.05, 0.04)  # m: where the scene of these tests has its only contact
+PRESSED = (
+    0.057,
+    0.03,
+)  # m: where the scene of these tests has its only contact, between electrodes
 SCENE = """
 format: tomotactile-scene/1
 drive_voltage: 3.3

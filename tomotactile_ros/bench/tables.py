@@ -82,9 +82,9 @@ def trade_cells(row: dict) -> Row:
         f"{row['setup']['median']:.2f} s",
         f"{megabytes(row['memory'])} MB",
         *trade,
-        f"{millimetres(error['mean'])} mm, {millimetres(error['p95'])} mm; "
+        f"{hundredths(error['mean'])} mm, {hundredths(error['p95'])} mm; "
         + _false_ones(scores["textbook"]["one"]),
-        f"{millimetres(row['worn']['contact_error']['mean'])} mm; "
+        f"{hundredths(row['worn']['contact_error']['mean'])} mm; "
         + _false_ones(scores["worn"]["one"]),
         "-" if row["two_contacts"] is None else f"{millimetres(row['two_contacts'])} mm",
         f"{percent(force['one']['mean'])} %, {percent(force['two']['mean'])} %",
