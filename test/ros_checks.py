@@ -10,10 +10,7 @@ from dataclasses import replace
 import numpy as np
 from ros_support import Probe, Process, program
 
-PRESSED = (
-    0.057,
-    0.03,
-)  # m: where the scene of these tests has its only contact, between electrodes
+PRESSED = (0.057, 0.03)  # m: the only contact of these tests' scene, between electrodes
 SCENE = """
 format: tomotactile-scene/1
 drive_voltage: 3.3

@@ -301,12 +301,8 @@ def test_a_bare_conductor_that_touches_the_rim_of_an_electrode_is_as_unsure_as_i
 def test_a_wire_that_is_loose_is_named_whatever_it_reads(profile, drift):
     """What a wire reads that hangs in the air says nothing; with its row left out and its readings used, frames were
     withheld as those of a torn sheet."""
-    layout, scene, random = (
-        load_layout("equal-4x4"),
-        load_scene("default"),
-        np.random.default_rng(4),
-    )
-    simulator = Simulator(layout, scene)
+    layout, scene = load_layout("equal-4x4"), load_scene("default")
+    simulator, random = Simulator(layout, scene), np.random.default_rng(4)
     pipeline = Pipeline(layout, Settings(profile, contact_law=scene.contact_law))
     for number in range(3):
         frame = simulator.measure(1.0 + 0.256 * number, number)

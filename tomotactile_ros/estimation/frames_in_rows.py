@@ -2,10 +2,10 @@
 there.
 
 Rows have told of the sensor and of small contacts what the frame tells, which is the same readings:
-they keep it, unless a contact is significantly elsewhere, and not as it moves; then the frame is right, which
-fits all rows at once. It tells sizes, contacts that rows missed, and which of theirs are none. Wide
-contacts and shapes of several discs are not followed: rows take them for a part of the sheet until
-the next frame.
+they keep it, unless a contact is significantly elsewhere, and not as it moves; then the frame is
+right, which fits all rows at once. It tells sizes, contacts that rows missed, and which of theirs are
+none. Wide contacts and shapes of several discs are not followed: rows take them for a part of the
+sheet until the next frame.
 
 The estimate of a frame may take longer than a row: it is compared with what rows said when the
 frame's last row was read, and what it changes is changed in what they say by now.
@@ -50,7 +50,7 @@ _ELSEWHERE = 1.0
 _LINEAR = 0.5
 POOR = 1.5  # chi-squared a reading: frames of one state that were looked at have 1.0 to 1.1
 _CONTRADICTS = 1e-3  # probability of a difference as large between rows and the frame of the same
-_AT_MOST = 3.0  # standard deviations: what moves is no faster than that above its speed
+_AT_MOST = 3.0  # standard deviations that a speed is off, at most
 _FLOOR = 1e-7  # m²: differences below 0.3 mm are none
 
 
@@ -233,7 +233,7 @@ def sliding(belief: Belief) -> dict[int, float]:
     for j, number in enumerate(belief.numbers):
         at = slice(STATE * j + 2, STATE * j + 4)
         speed = float(np.hypot(*belief.mean[at]))
-        if speed > SLIDING + 3 * np.sqrt(np.trace(belief.covariance[at, at])):
+        if speed > SLIDING + _AT_MOST * np.sqrt(np.trace(belief.covariance[at, at])):
             out[number] = speed
     return out
 

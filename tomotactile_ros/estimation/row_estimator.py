@@ -438,8 +438,10 @@ class RowEstimator:
             state.doubted, state.doubt = state.doubted + 1, estimate.reason
             return
         state.doubted = 0
-        had = ((at, places) for at, places in reversed(state.past) if at <= seen.ended)
-        then = next((placed(places, seen.ended - at) for at, places in had), None)
+        had = (
+            placed(each, seen.ended - at) for at, each in reversed(state.past) if at <= seen.ended
+        )
+        then = next(had, None)
         if fit is None:  # what moves within a frame has none, but places
             reach = REACH * float(np.median(self.estimator.layout.pitches))
             if then is not None and _are_those(then, estimate.contacts, reach):

@@ -39,7 +39,6 @@ from tomotactile_ros.layouts.grid import Grid
 from tomotactile_ros.layouts.layout import Layout, check_layout, check_on_sheet
 from tomotactile_ros.learning.state import SensorState
 from tomotactile_ros.reconstruction.deadline import Within
-from tomotactile_ros.reconstruction.discs import on_electrode
 from tomotactile_ros.reconstruction.estimate import (
     EVEN_DISC,
     Strength,
@@ -859,12 +858,13 @@ class Pipeline:
 
     def _asks_for_more(self, contact: ContactEstimate) -> bool:
         """Whether one linear step does not tell a contact: how hard it is pressed, as it conducts nearly as a
-        bare one does, or where it is, as it lies on an electrode or may be beyond the outermost ones."""
+        bare one does, or where it is, as it covers the centre of an electrode or may be beyond the outermost
+        ones."""
         if self.settings.contact_law is not None and math.isinf(contact.force_std):
             return True
         place, used = np.array([contact.x, contact.y]), np.flatnonzero(~self._excluded)
-        covers = on_electrode(place, contact.radius, self.layout.positions)
-        return covers or bool(len(beyond(place, self.layout, used)))
+        covers = self.layout.nearest(place)[0] < contact.radius
+        return bool(covers or len(beyond(place, self.layout, used)))
 
     def _shown(self, given: _Given, read: tuple) -> Result | None:
         """What the linear image says of a frame `read` as `_read` does; None where one step is not
