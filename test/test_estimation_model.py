@@ -446,14 +446,17 @@ def test_what_channels_do_to_readings():
     np.testing.assert_allclose(readings(ideal), expected, atol=1e-12)
 
 
-def test_a_floating_electrode_is_one_that_is_never_there():
+@pytest.mark.parametrize("uneven", [0.0, 0.3], ids=["even", "uneven"])
+def test_a_floating_electrode_is_one_that_is_never_there(uneven):
     """15 electrodes read what they read among 16, but for the bound of g near 1/c = D."""
     used = np.delete(ALL, 5)
-    fewer = SheetOperator(LAYOUT, used=used)
+    fewer = OPERATOR.of(used)
     a, b = (0.031, 0.02), (-0.052, -0.04)
     forms = [contact(*a, 0.006, operator=fewer), contact(*b, 0.012, 5e3, operator=fewer)]
-    got = readings(pressed(*forms, operator=fewer), fewer)
-    np.testing.assert_allclose(got, readings(APART)[np.ix_(used, used)], atol=4e-4)
+    sheet = uneven * OPERATOR.deviation * np.random.default_rng(0).standard_normal(OPERATOR.modes)
+    got = readings(replace(pressed(*forms, operator=fewer), sheet=sheet), fewer)
+    among = readings(replace(APART, sheet=sheet))
+    np.testing.assert_allclose(got, among[np.ix_(used, used)], atol=4e-4)
 
 
 def simulated(truth, noise, seed):

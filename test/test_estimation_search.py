@@ -65,7 +65,8 @@ LAYOUTS = {
 
 @cache
 def search(name, used=None):
-    return Search(SheetOperator(LAYOUTS[name](), used=used))
+    operator = SheetOperator(LAYOUTS[name]())
+    return Search(operator if used is None else operator.of(np.array(used)))
 
 
 def simulate(name, discs, noise=NOISE, sequence=0, **wrong):

@@ -22,12 +22,10 @@ from __future__ import annotations
 from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.sparse import csr_matrix
 
 from tomotactile_ros.core import compiled
 from tomotactile_ros.estimation.as_cut import COUNT, AsCut, Tears
@@ -35,7 +33,7 @@ from tomotactile_ros.estimation.channels import ALIKE
 from tomotactile_ros.estimation.disc import MOST_PATCHES, unit_patches
 from tomotactile_ros.estimation.displacement import Displacement
 from tomotactile_ros.estimation.field import SheetField
-from tomotactile_ros.estimation.rim import Rim
+from tomotactile_ros.estimation.first_order import first_order
 from tomotactile_ros.estimation.tables import (
     Around,
     Lattice,
@@ -58,7 +56,7 @@ from tomotactile_ros.sheet.fem import FemSheet
 
 # couplings above this part of the largest admittance change by a factor, others by a sum
 _SEEN = 2e-3
-_KEPT = 4  # operators, the last that were asked for: one takes 0.6 s with 64 electrodes
+_KEPT = 4  # operators, the last that were asked for: the first of a layout takes 0.6 s with 64 electrodes
 _LATTICE = 21  # points along the longer side at which dH is known; it is smooth
 # of an electrode's own impedance: what its rim, and a contact that covers part of it, differ by
 # from frame to frame between this model and finite elements
@@ -88,52 +86,91 @@ class SheetOperator:
     deviation : (J,) their standard deviation before anything is known
     """
 
-    def __init__(self, layout: Layout, model: str = "auto", used: ArrayLike | None = None):
+    def __init__(self, layout: Layout, model: str = "auto"):
         self.layout, self._model = layout, model
-        self.used = np.arange(layout.electrodes) if used is None else np.asarray(used, int)
-        self.count = len(self.used)
-        self.position = np.full(layout.electrodes, -1)
-        self.position[self.used] = np.arange(self.count)
+        self.position = np.arange(layout.electrodes)
         self.resistance = float(layout.sheet_resistance)
         self.pitch = float(np.median(layout.pitches))
         self.lattice = Lattice(np.array(layout.outline.size, float), _LATTICE)
         self._cut = AsCut(layout, np.zeros(COUNT))
-        self._solve()
-        self._uneven(None)
         self._rest: Rest | None = None
+        self._solve(None)
         self._mean = np.zeros(self.modes)
-        self._even: Solution | None = None
-        self._tables = self._handed_over()
+        self._use(self.position)
 
     @property
     def cut(self) -> Layout:
         return self._cut.layout
 
-    def _solve(self) -> None:
-        """The even sheet as it was cut."""
+    def _solve(self, field: SheetField | None) -> FemSheet:
+        """The even sheet as it was cut, for all its electrodes, with the modes of `field` where there are
+        some; its finite elements are returned."""
         cut = self.cut
+        every = np.arange(cut.electrodes)
         self.sheet = make_sheet(cut, "auto" if self._cut.tears else self._model)
-        self._inverse = bordered_inverse(self.sheet.electrode_electrode, self.used)
-        self.admittance = self._inverse[:-1, :-1].copy()
         size, fine = np.array(cut.outline.size, float), Lattice.fine(cut, self.pitch)
-        sensed = Sensed(self.sheet, self.used, mirrored(fine.points, size / 2))
-        self.potentials = PotentialTable(cut, self.used, fine, sensed)
-        self.mutual = MutualTable(self.sheet, self.lattice, self.potentials, sensed, self._inverse)
+        sensed = Sensed(self.sheet, mirrored(fine.points, size / 2))
+        self._potentials = PotentialTable(cut, fine, sensed)
+        self.mutual = MutualTable(self.sheet, self.lattice, self._potentials, sensed)
+        fem = self.sheet if isinstance(self.sheet, FemSheet) else FemSheet(cut)
+        inverse = bordered_inverse(self.sheet.electrode_electrode, every)
+        fields = Displacement(cut, every, self.resistance, self._potentials, inverse)
+        self._first = first_order(fem, fields, self.lattice, self.pitch, field, _by_radius(cut))
+        self.field, self.rim = self._first.field, self._first.rim
+        printed = float(np.sqrt(ALIKE)) * cut.tolerance.radius  # what is common to all radii
+        self.deviation = np.concatenate([self.field.deviation, self.rim.deviation, [printed]])
+        self._mesh = fem.mesh
+        return fem
+
+    def _use(self, used: np.ndarray) -> None:
+        """Let all electrodes but `used` (n,) float."""
+        self.used, self.count = used, len(used)
+        self.position = np.full(self.layout.electrodes, -1)
+        self.position[used] = np.arange(len(used))
+        self._inverse = bordered_inverse(self.sheet.electrode_electrode, used)
+        self.admittance = self._inverse[:-1, :-1].copy()
+        self.potentials = self._potentials.of(used)
         self.displacement = Displacement(
-            cut, self.used, self.resistance, self.potentials, self._inverse
+            self.cut, used, self.resistance, self.potentials, self._inverse
         )
+        seen = np.abs(self.admittance) > _SEEN * np.abs(self.admittance.diagonal()).max()
+        np.fill_diagonal(seen, False)
+        self.seen = seen
+        first = self._first.of(used)
+        of_elements, of_fields = np.split(first.change, [-1])
+        known = (of_elements, first.energy), (of_fields, self.admittance)
+        self._change = np.concatenate(
+            [np.where(seen, each / np.where(seen, whole, 1.0), each) for each, whole in known]
+        )
+        for each in self._change:
+            np.fill_diagonal(each, 0.0)
+        self._first_change = _balanced(self._change * np.where(seen, self.admittance, 1.0))
+        self._share_change = first.share_change
+        self._even: Solution | None = None
+        self._tables = self._handed_over()
+
+    def of(self, used: np.ndarray) -> SheetOperator:
+        """The same with all electrodes but `used` (n,) floating."""
+        other = self._copied()
+        other._use(used)
+        if other._rest is not None:
+            other._expand(self._mean, None)
+        return other
+
+    def _copied(self) -> SheetOperator:
+        other = copy(self)
+        for known in ("expected", "untouched", "core", "own_impedance"):
+            other.__dict__.pop(known, None)
+        return other
 
     def about(self, sheet: np.ndarray, tears: Tears = ()) -> SheetOperator:
         """The same for a sheet whose coefficients are near `sheet` (J,): right beyond first order
         there, and with `tears`."""
-        other, cut, fem = copy(self), AsCut(self.layout, sheet[self.of_cut], tears), None
-        for known in ("expected", "untouched", "core", "own_impedance"):
-            other.__dict__.pop(known, None)
+        other, cut, fem = self._copied(), AsCut(self.layout, sheet[self.of_cut], tears), None
         if not self._cut.near(cut):
-            other._cut, other._even = cut, None
-            other._solve()
-            fem = other._uneven(self.field)
-            other._tables = other._handed_over()
+            other._cut = cut
+            fem = other._solve(self.field)
+            other._use(self.used)
         other._expand(sheet, fem)
         return other
 
@@ -142,10 +179,11 @@ class SheetOperator:
         at hand."""
         size = np.array(self.cut.outline.size)
         places = off_electrodes(mirrored(self.lattice.points, size / 2), self.cut)
-        if self._even is None:
-            fem = fem or FemSheet(self.cut)
-            self._mesh, self._even = fem.mesh, solution(fem, self.used, places, self.pitch)
-        even, alone, drawn = self._even, sheet.copy(), np.zeros(self.modes)
+        even = self._even
+        if even is None:
+            fem = fem or FemSheet(self.cut, mesh=self._mesh)
+            even = solution(fem, self.used, places, self.pitch)
+        alone, drawn = sheet.copy(), np.zeros(self.modes)
         alone[self.of_cut] = 0.0
         drawn[self.of_cut] = self._cut.coefficients  # what was solved is right without a change
         fem = uneven(
@@ -166,7 +204,7 @@ class SheetOperator:
             found.own * np.exp(self.field_at(places) @ sheet) - even.own,
         )
         np.fill_diagonal(self._rest.term, 0.0)
-        self._mean = sheet.copy()
+        self._mean, self._even = sheet.copy(), even
 
     def near(self, sheet: np.ndarray, tears: Tears = ()) -> SheetOperator:
         """This one if it is right for the coefficients `sheet` (J,) and `tears`, else that `about` them."""
@@ -230,7 +268,7 @@ class SheetOperator:
                 "fine": self.potentials.lattice.core,
                 "coarse": self.lattice.core,
                 "potentials": self.potentials.rest,
-                "own": self.mutual.own_rest,
+                "own": self.mutual.own_rest(self.used, self._inverse),
                 "smooth": self.mutual.smooth,
                 "fields": self.displacement.fields(),
                 "mirrors": self.displacement.mirrors,
@@ -356,102 +394,6 @@ class SheetOperator:
         inverse = np.linalg.inv(self.expected + least)
         return (inverse + inverse.T) / 2
 
-    def _uneven(self, field: SheetField | None) -> FemSheet:
-        """Modes of the sheet, those of `field` where there are some, and what they change, from finite
-        elements, which are returned."""
-        fem = self.sheet if isinstance(self.sheet, FemSheet) else FemSheet(self.cut)
-        mesh, used = fem.mesh, self.used
-        inverse = bordered_inverse(fem.electrode_electrode, used)
-        fed = np.vstack([fem._to_electrodes.T[used], np.ones(len(fem.where))])
-        shares = (inverse @ fed)[:-1].T[fem.unknown]
-        corners, area, slope = _gradients(mesh.points, mesh.triangles)
-        middles = corners.mean(axis=1)
-        self.field = (
-            field.on(middles) if field else SheetField(self.layout, middles, area, self.pitch)
-        )
-        order, ends = self.field.order, self.field.ends
-        root = np.sqrt(area / self.resistance)[:, None, None]
-        gradient = (root * np.einsum("tcd,tcn->tdn", slope, shares[mesh.triangles]))[order]
-        cells = len(ends) - 1
-        by_cell = np.empty((cells, self.count, self.count))
-        for cell in range(cells):
-            part = gradient[ends[cell] : ends[cell + 1]].reshape(-1, self.count)
-            by_cell[cell] = part.T @ part
-        along, across = gradient[:, 0], gradient[:, 1]
-        mixed = along.T @ across
-        modes = self.field.modes
-        layout = self.layout
-        cut_to = layout.tolerance.cut(layout.outline.size)
-        self.rim = Rim(self.cut.outline, cut_to, mesh.points, mesh.triangles)
-        strips, cut = self.rim.changes(shares, self.resistance)
-        change = np.concatenate(
-            [
-                np.tensordot(modes.T, by_cell, 1),
-                [along.T @ along - across.T @ across, mixed + mixed.T],
-                cut,
-            ]
-        )
-        wider = self.displacement.wider(_by_radius(self.cut)[used])
-        seen = np.abs(self.admittance) > _SEEN * np.abs(self.admittance.diagonal()).max()
-        np.fill_diagonal(seen, False)
-        self.seen = seen
-        parts = [(change, by_cell.sum(axis=0)), (wider[None], self.admittance)]
-        self._change = np.concatenate(
-            [np.where(seen, each / np.where(seen, total, 1.0), each) for each, total in parts]
-        )
-        for each in self._change:
-            np.fill_diagonal(each, 0.0)
-        self._first_change = _balanced(self._change * np.where(seen, self.admittance, 1.0))
-        printed = float(np.sqrt(ALIKE)) * layout.tolerance.radius  # what is common to all radii
-        self.deviation = np.concatenate([self.field.deviation, self.rim.deviation, [printed]])
-        self._shares_on_lattice(fem, inverse, fed, slope, root, gradient, strips)
-        return fem
-
-    def _shares_on_lattice(
-        self,
-        fem: FemSheet,
-        inverse: np.ndarray,
-        fed: np.ndarray,
-        slope: np.ndarray,
-        root: np.ndarray,
-        gradient: np.ndarray,
-        strips: np.ndarray,
-    ) -> None:
-        mesh, order, ends = fem.mesh, self.field.order, self.field.ends
-        size = np.array(self.cut.outline.size)
-        places = mirrored(self.lattice.points, size / 2)
-        element, weights = mesh.locate(places)
-        corners = fem.unknown[mesh.triangles[element]]
-        feed = np.zeros((len(fem.where), len(places)))
-        for corner in range(3):
-            np.add.at(feed, (corners[:, corner], np.arange(len(places))), weights[:, corner])
-        at_places = np.einsum("kce,kc->ek", fem._to_electrodes[corners], weights)[self.used]
-        at_places = np.vstack([at_places, np.ones(len(places))])
-        potential = fem._solve(feed) - fed.T @ (inverse @ at_places)
-        field = self.field.cell_values(places)
-        count, unknowns = len(potential), fem.unknown[mesh.triangles[order]]  # (T, 3)
-        slopes = (root * slope.transpose(0, 2, 1))[order]  # (T, 2, 3)
-        # what the currents of H bring to the unknowns of each cell: fewer than elements
-        inside = np.repeat(np.arange(len(ends) - 1), np.diff(ends))[:, None] * count + unknowns
-        pairs, number = np.unique(inside, return_inverse=True)
-        brought = _scattered(slopes, number.reshape(-1, 3), len(pairs)) @ _flat(gradient)
-        at = np.searchsorted(pairs, np.arange(len(ends)) * count)
-        by_cell = np.empty((len(ends) - 1, len(places), self.count))
-        for cell, (low, high) in enumerate(pairwise(at)):
-            by_cell[cell] = -potential[pairs[low:high] % count].T @ brought[low:high]
-        change = np.tensordot(self.field.modes.T, by_cell, 1)
-        change -= field.T[:, :, None] * by_cell.sum(axis=0)
-        turned = gradient * [[1.0], [-1.0]], gradient[:, ::-1]  # along less across, and mixed
-        gather = _scattered(slopes, unknowns, count)
-        ways = [-potential.T @ (gather @ _flat(each)) for each in turned]
-        begins, ends = potential[fem.unknown[self.rim.ends]]
-        corners, weights = mesh.locate(self.displacement.ring)
-        on_ring = np.einsum("rcp,rc->rp", potential[fem.unknown[mesh.triangles[corners]]], weights)
-        wider = self.displacement.wider_seen(_by_radius(self.cut)[self.used], on_ring)
-        self._share_change = np.concatenate(
-            [change, ways, -(ends - begins).T @ strips, wider.T[None]]
-        )
-
 
 def _by_radius(layout: Layout) -> np.ndarray:
     """`SheetOperator.by_radius` of a layout."""
@@ -462,18 +404,6 @@ def _by_radius(layout: Layout) -> np.ndarray:
     return layout.sheet_resistance / (2 * np.pi * inside)
 
 
-def _flat(gradient: np.ndarray) -> np.ndarray:
-    """(2 T, n) of (T, 2, n)."""
-    return gradient.reshape(-1, gradient.shape[2])
-
-
-def _scattered(slopes: np.ndarray, unknowns: np.ndarray, count: int) -> csr_matrix:
-    """(count, 2 T) sums over elements of their `slopes` (T, 2, 3) at `unknowns` (T, 3)."""
-    ends = np.arange(0, slopes.size + 1, 3)
-    columns = np.repeat(unknowns, 2, axis=0).ravel()
-    return csr_matrix((slopes.ravel(), columns, ends), (len(ends) - 1, count)).T
-
-
 def _balanced(matrices: np.ndarray) -> np.ndarray:
     """The same (..., n, n) with diagonals that make the rows sum to 0."""
     own = np.arange(matrices.shape[-1])
@@ -481,19 +411,6 @@ def _balanced(matrices: np.ndarray) -> np.ndarray:
     out[..., own, own] = 0.0
     out[..., own, own] = -(out @ np.ones(len(own)))
     return out
-
-
-def _gradients(
-    points: np.ndarray, triangles: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Corners (T, 3, 2), areas (T,) and gradients (T, 3, 2) of the shape functions of triangles."""
-    corners = points[triangles]
-    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
-    u, v = b - a, c - a
-    area = 0.5 * (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
-    edges = np.stack([c - b, a - c, b - a], axis=1)
-    slope = np.stack([-edges[:, :, 1], edges[:, :, 0]], axis=-1) / (2 * area)[:, None, None]
-    return corners, area, slope
 
 
 @dataclass(frozen=True)
@@ -507,13 +424,19 @@ class _Of:
 def operator_for(
     layout: Layout, model: str = "auto", used: ArrayLike | None = None
 ) -> SheetOperator:
-    """The operator of a layout's sheet as drawn, made once for all who ask; arguments as of `SheetOperator`."""
+    """The operator of a layout's sheet as drawn, made once for all who ask; all electrodes but `used`
+    (n,) float."""
     same = layout.id, layout.sheet_resistance, layout.tolerance, layout.surface, layout.scan
-    used = np.arange(layout.electrodes) if used is None else np.asarray(used, int)
-    return made(_Of(layout, same), model, tuple(used.tolist()))
+    every = range(layout.electrodes)
+    return made(
+        _Of(layout, same), model, tuple(every if used is None else np.asarray(used).tolist())
+    )
 
 
 @lru_cache(maxsize=_KEPT)
 def made(of: _Of, model: str, used: tuple[int, ...]) -> SheetOperator:
     """Those that were asked for; `made.cache_clear()` forgets them."""
-    return SheetOperator(of.layout, model, used)
+    every = tuple(range(of.layout.electrodes))
+    if used == every:
+        return SheetOperator(of.layout, model)
+    return made(of, model, every).of(np.array(used, int))

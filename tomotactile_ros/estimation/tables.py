@@ -98,20 +98,21 @@ def mirrored(points: np.ndarray, half: np.ndarray) -> np.ndarray:
 
 
 class Sensed:
-    """What the electrodes `used` (n,) of a sheet sense of tiny discs at `points` (K, 2), m: known once
-    for both tables that are made of it.
+    """What the electrodes of a sheet sense of tiny discs at `points` (K, 2), m: known once for both
+    tables that are made of it.
 
     Attributes
     ----------
-    between (K, n) G between electrodes and points, ohm; own (K,) that of the points with themselves,
-        all other electrodes floating
+    between (K, E) G between electrodes and points, ohm; own (K,) that of the points with themselves,
+        all electrodes floating
     tiny : radius of the discs, m
     """
 
-    def __init__(self, sheet: Sheet, used: np.ndarray, points: np.ndarray):
-        self._sheet, self._used, self.points = sheet, used, points
+    def __init__(self, sheet: Sheet, points: np.ndarray):
+        self._sheet, self.points = sheet, points
         self.tiny = 1e-3 * sheet.layout.radius
-        self.between, self.own = np.empty((len(points), len(used))), np.empty(len(points))
+        self.between = np.empty((len(points), sheet.layout.electrodes))
+        self.own = np.empty(len(points))
         self._look(np.arange(len(points)))
 
     def moved(self, places: np.ndarray) -> Sensed:
@@ -125,20 +126,28 @@ class Sensed:
         for start in range(0, len(which), _BLOCK):
             part = which[start : start + _BLOCK]
             transfer = self._sheet.transfer(self.points[part], np.full(len(part), self.tiny))
-            self.between[part] = transfer.electrode_point[self._used].T
+            self.between[part] = transfer.electrode_point.T
             self.own[part] = transfer.point_self
 
 
 class PotentialTable:
-    """G between the electrodes `used` (n,) of a layout and any place, ohm; `sensed` at the points of
-    `lattice`, those beyond the rim mirrored."""
+    """G between the electrodes of a layout and any place, ohm; `sensed` at the points of `lattice`, those
+    beyond the rim mirrored."""
 
-    def __init__(self, layout: Layout, used: np.ndarray, lattice: Lattice, sensed: Sensed):
+    def __init__(self, layout: Layout, lattice: Lattice, sensed: Sensed):
         self.lattice = lattice
-        self._centres = layout.positions[used]
+        self._centres = layout.positions
         self._radius = layout.radius
         self._scale = float(layout.sheet_resistance) / (2 * np.pi)
         self.rest = sensed.between - self._logarithm(lattice.points)
+
+    def of(self, used: np.ndarray) -> PotentialTable:
+        """The same of the electrodes `used` (n,)."""
+        if len(used) == len(self._centres):
+            return self
+        other = copy(self)
+        other._centres, other.rest = self._centres[used], self.rest[:, used]
+        return other
 
     def _logarithm(self, places: np.ndarray) -> np.ndarray:
         """(Q, n) the part with the logarithm, ohm."""
@@ -164,14 +173,7 @@ class MutualTable:
     (`touches.hpp`).
     """
 
-    def __init__(
-        self,
-        sheet: Sheet,
-        lattice: Lattice,
-        potentials: PotentialTable,
-        sensed: Sensed,
-        inverse: np.ndarray,
-    ):
+    def __init__(self, sheet: Sheet, lattice: Lattice, potentials: PotentialTable, sensed: Sensed):
         layout = sheet.layout
         self._outline, self._resistance = layout.outline, float(layout.sheet_resistance)
         size = np.array(layout.outline.size, float)
@@ -182,16 +184,26 @@ class MutualTable:
         tiny = np.full(len(nodes), 1e-3 * layout.radius)
         between = sheet.transfer(nodes, tiny).among(np.arange(len(nodes)))
         self.smooth = between - self._logarithm(nodes, tiny) - self.induced.by(nodes).among()
-        sensed = sensed.moved(off_electrodes(sensed.points, layout))
-        own = sensed.own.copy()
-        for start in range(0, len(own), _BLOCK):
+        places = off_electrodes(sensed.points, layout)
+        # elsewhere what the table says of potentials is what is sensed
+        self._moved = np.flatnonzero((places != sensed.points).any(axis=1))
+        sensed = sensed.moved(places)
+        near = places[self._moved]
+        self._seen = (1, sensed.between[self._moved]), (-1, potentials(near))
+        self._own = sensed.own.copy()
+        for start in range(0, len(places), _BLOCK):
             part = slice(start, start + _BLOCK)
-            places = sensed.points[part]
-            own[part] -= self._own_part(places, np.full(len(places), sensed.tiny))
-            for sign, seen in ((1, sensed.between[part]), (-1, potentials(places))):
-                fed = np.vstack([seen.T, np.ones(len(places))])
-                own[part] -= sign * np.einsum("ek,ek->k", fed, inverse @ fed)
-        self.own_rest = own
+            radii = np.full(len(places[part]), sensed.tiny)
+            self._own[part] -= self._own_part(places[part], radii)
+
+    def own_rest(self, used: np.ndarray, inverse: np.ndarray) -> np.ndarray:
+        """(K,) what else a patch at each point of the fine lattice sees of itself, ohm; `inverse`
+        (n + 1, n + 1) of the bordered Green function of the electrodes `used` (n,), all others floating."""
+        out = self._own.copy()
+        for sign, seen in self._seen:
+            fed = np.vstack([seen[:, used].T, np.ones(len(seen))])
+            out[self._moved] -= sign * np.einsum("ek,ek->k", fed, inverse @ fed)
+        return out
 
     def _logarithm(
         self, places: np.ndarray, radii: np.ndarray, own_only: bool = False
