@@ -1,6 +1,7 @@
 """Sources without hardware live in the time that they are given: slow, fast, at rest, set back."""
 
 import threading
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -59,32 +60,26 @@ class Steps:
             assert self._waiting.wait_for(lambda: self.waits > waits, PATIENCE)
 
 
-class Run:
-    """A device in stepped time, with what it has handed over."""
-
-    def __init__(self, device, rows):
-        self.time = device.time = Steps()
-        self.device, self.frames, self.rows = device, [], []
-        device.run_length = 2
-        device.open(self.frames.append, self.rows.append if rows else None)
-        self.time.settle()
-
-
 def stamps(frames):
     return [frame.stamp for frame in frames]
 
 
 @pytest.fixture
 def run():
-    runs = []
+    """A device in stepped time, with what it has handed over."""
+    devices = []
 
     def make(device, rows=False):
-        runs.append(Run(device, rows))
-        return runs[-1]
+        devices.append(device)
+        device.time, device.run_length = Steps(), 2
+        made = SimpleNamespace(device=device, time=device.time, frames=[], rows=[])
+        device.open(made.frames.append, made.rows.append if rows else None)
+        made.time.settle()
+        return made
 
     yield make
-    for each in runs:
-        each.device.close()
+    for device in devices:
+        device.close()
 
 
 def fake():

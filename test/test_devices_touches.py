@@ -1,11 +1,11 @@
 """Live touches on a simulated sheet: what counts when, what is refused, from any thread."""
 
 import threading
-import time
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from devices_support import opened
 
 from tomotactile_ros.devices.fake import FakeDevice
 from tomotactile_ros.layouts.layout import equal_grid
@@ -17,7 +17,6 @@ from tomotactile_ros.simulation import Simulator
 LAYOUT = equal_grid(4, 4, (0.2, 0.2), 0.005, 1e4)
 LIVE = replace(load_scene("live"), noise=None, adc=None)
 ONE, OTHER = Touch(0.03, 0.02, 2.0, 0.006), Touch(-0.05, 0.0, 1.0, 0.008)
-PATIENCE = 30.0
 
 
 def assert_are(contacts, *touches):
@@ -39,21 +38,22 @@ def test_a_message_replaces_all_and_holds_for_a_while():
     assert touches.at(1.3) == () != touches.at(1.25)
 
 
-@pytest.mark.parametrize(
-    ("bad", "line"),
-    [
-        (replace(ONE, x=0.2), "touches[1]: position: (0.2, 0.02) m is off the sheet"),
-        (replace(ONE, x=np.nan), "touches[1]: center[0]: nan is not a finite position in m"),
-        (replace(ONE, force=-1.0), "touches[1]: force: -1.0 is negative, it must be 0 or a posit"),
-        (replace(ONE, force=np.nan), "touches[1]: force: nan is not a finite force in N"),
-        (replace(ONE, force=np.inf), "touches[1]: force: inf is not a finite force in N"),
-        (replace(ONE, radius=0.0), "touches[1]: radius: 0.0 is not a positive length in m"),
-        (replace(ONE, radius=0.11), "touches[1]: radius: 0.11 m is wider than the sheet"),
-    ],
-)
+FORCE = "touches[1]: force: "
+BAD = [
+    ({"x": 0.2}, "touches[1]: position: (0.2, 0.02) m is off the sheet"),
+    ({"x": np.nan}, "touches[1]: center[0]: nan is not a finite position in m"),
+    ({"force": -1.0}, FORCE + "-1.0 is negative, it must be 0 or a posit"),
+    ({"force": np.nan}, FORCE + "nan is not a finite force in N"),
+    ({"force": np.inf}, FORCE + "inf is not a finite force in N"),
+    ({"radius": 0.0}, "touches[1]: radius: 0.0 is not a positive length in m"),
+    ({"radius": 0.11}, "touches[1]: radius: 0.11 m is wider than the sheet"),
+]
+
+
+@pytest.mark.parametrize(("bad", "line"), BAD)
 def test_a_bad_touch_gets_a_line_and_the_others_count(bad, line):
     touches = Touches(LAYOUT)
-    (complaint,) = touches.press([ONE, bad, OTHER], 0.0)
+    (complaint,) = touches.press([ONE, replace(ONE, **bad), OTHER], 0.0)
     assert complaint.startswith(line) and "\n" not in complaint
     assert_are(touches.at(0.0), ONE, OTHER)
 
@@ -76,46 +76,34 @@ def test_a_live_frame_is_that_of_a_scene_with_the_same_contact():
     assert np.nanmax(simulator.frame(2.0)) == 0.0
 
 
-@pytest.fixture
-def device():
+def test_the_device_feels_touches_of_other_threads_and_forgets_them():
     device = FakeDevice(Simulator(LAYOUT, LIVE, "closed_form"), rate=200.0)
-    yield device
-    device.close()
-
-
-def until(happened, device):
-    end = time.monotonic() + PATIENCE
-    while not happened():
-        assert time.monotonic() < end, device.status()
-        threading.Event().wait(0.005)
-
-
-def test_the_device_feels_touches_of_other_threads_and_forgets_them(device):
-    peaks = []
-    device.open(lambda frame: peaks.append(np.nanmax(frame.voltages)))
-    until(lambda: peaks, device)
-    assert device.press([ONE, replace(ONE, x=9.0)]) == [
-        "touches[1]: position: (9, 0.02) m is off the sheet"
-    ]
-    until(lambda: max(peaks) > 0.3, device)
-    pressed = len(peaks)
-    until(lambda: peaks[-1] == 0.0 and len(peaks) > pressed, device)  # nobody has said it again
+    watch = opened(device)
     stop = threading.Event()
+
+    def peak() -> float:
+        return np.nanmax(watch.frames[-1].voltages)
 
     def keep_pressing():
         while not stop.is_set():
             device.press([OTHER])
 
     threads = [threading.Thread(target=keep_pressing) for _ in range(2)]
+    watch.wait_for_frames(1)
+    (complaint,) = device.press([ONE, replace(ONE, x=9.0)])
+    assert complaint == "touches[1]: position: (9, 0.02) m is off the sheet"
+    watch.wait_for(lambda status: peak() > 0.3)
+    watch.wait_for(lambda status: peak() == 0.0)  # nobody has said it again
     for thread in threads:
         thread.start()
     try:
-        until(lambda: peaks[-1] > 0.1, device)
+        watch.wait_for(lambda status: peak() > 0.1)
+        assert device.status().state == "streaming"
     finally:
         stop.set()
         for thread in threads:
             thread.join()
-    assert device.status().state == "streaming"
+        device.close()
 
 
 def test_a_scene_that_is_not_live_takes_no_touches():
