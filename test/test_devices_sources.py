@@ -1,4 +1,4 @@
-"""Fake and replayed sensors, the emulator with a scene, and the choice between devices."""
+"""Fake and replayed sensors, recordings and bags, and the choice between devices."""
 
 import contextlib
 import os
@@ -11,15 +11,14 @@ from queue import Queue
 
 import numpy as np
 import pytest
-from devices_support import PATIENCE, Watch, collect, opened, plugged
+from devices_support import PATIENCE, Watch, collect, opened
 
-from tomotactile_ros.devices import DeviceSettings, emulator, make_device
+from tomotactile_ros.devices import DeviceSettings, make_device
 from tomotactile_ros.devices.bag import MESSAGE
 from tomotactile_ros.devices.fake import FakeDevice
 from tomotactile_ros.devices.recording import load_recording, read_frames
 from tomotactile_ros.devices.replay import ReplayDevice
 from tomotactile_ros.devices.scene_beside import SceneBeside
-from tomotactile_ros.devices.serial import SerialDevice
 from tomotactile_ros.layouts.layout import equal_grid, load_layout
 from tomotactile_ros.scenes.scene import Contact, Scene, load_scene
 from tomotactile_ros.simulation import Simulator
@@ -339,18 +338,6 @@ def test_a_bag_of_two_sensors_needs_a_topic_and_one_of_none_is_refused(tmp_path)
         list(read_frames(changed(tmp_path), topic="/left"))
     with pytest.raises(InputError, match="holds no"):
         ReplayDevice(write_bag(tmp_path / "empty", topics=()), E)
-
-
-def test_a_scene_through_the_emulator_arrives_as_the_converter_makes_it():
-    simulator = Simulator(LAYOUT, SCENE)
-    device = emulator.EmulatedDevice(lambda t, n, order: simulator.frame(t, n), E, rate=100.0)
-    with plugged(device) as port:
-        frames = collect(SerialDevice(port.path, E), 3)
-    expected = simulator.ideal_frame(0.0)
-    assert np.nanmax(expected) > 0.1
-    for frame in frames:
-        assert np.array_equal(np.isnan(frame.voltages), np.isnan(expected))
-        assert np.nanmax(np.abs(frame.voltages - expected)) <= 0.5 * 3.3 / 4096 + 1e-6
 
 
 @pytest.mark.parametrize(
