@@ -151,16 +151,6 @@ def ordered(index: int, order=ORDER, sequence: int = 1, scan: int = 9, **changes
     return made._replace(**changes)
 
 
-def test_rows_of_an_order_become_a_frame_with_negative_and_own_readings():
-    assembler = FrameAssembler(E, E)
-    assembler.expect_order(9, ORDER)
-    low = ordered(0, readings=protocol.pack_counts([998, protocol.NO_READING, 0, 65534]))
-    (frame,) = feed(assembler, [low, ordered(1), ordered(2)])
-    assert frame.grounded.tolist() == [3, 0, 3]
-    np.testing.assert_array_equal(frame.voltages[0], [-1.0, np.nan, -500.0, 32267.0])
-    assert frame.voltages[2].tolist() == (0.5 * (120 + np.arange(E))).tolist()
-
-
 def test_rows_of_another_order_than_they_say_or_of_an_unknown_one_are_ignored():
     assembler = FrameAssembler(E, E)
     assembler.expect_order(9, ORDER)

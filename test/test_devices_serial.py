@@ -56,36 +56,35 @@ class Unmodem(serial.Serial):
     _update_rts_state = _update_dtr_state
 
 
-class PortServer:
+class PortServer(threading.Thread):
     """A serial port on the network by RFC 2217, as a terminal server or `ser2net` offers it."""
 
     def __init__(self, path: str) -> None:
-        self._serial = Unmodem(path, timeout=0)
+        super().__init__(daemon=True)
+        self._serial, self._stop_it = Unmodem(path, timeout=0), threading.Event()
         self._server = socket.create_server(("127.0.0.1", 0))
         self.url = "rfc2217://{}:{}".format(*self._server.getsockname())
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._serve, daemon=True)
-        self._thread.start()
+        self.start()
 
     def write(self, data: bytes) -> None:
         """What the telnet side of the port wants to tell its client."""
         self._peer.sendall(data)
 
     def close(self) -> None:
-        self._stop.set()
-        self._thread.join()
+        self._stop_it.set()
+        self.join()
 
-    def _serve(self) -> None:
-        self._peer = self._server.accept()[0]
-        telnet = rfc2217.PortManager(self._serial, self)
-        while not self._stop.is_set():
-            ready = select.select([self._peer, self._serial], [], [], 0.05)[0]
-            if self._peer in ready:
-                self._serial.write(b"".join(telnet.filter(self._peer.recv(4096))))
-            if self._serial in ready and self._serial.in_waiting:
-                self._peer.sendall(b"".join(telnet.escape(self._serial.read(4096))))
-        for end in (self._peer, self._server, self._serial):
-            end.close()
+    def run(self) -> None:
+        with self._server, self._serial:
+            self._peer = self._server.accept()[0]
+            telnet = rfc2217.PortManager(self._serial, self)
+            with self._peer:
+                while not self._stop_it.is_set():
+                    ready = select.select([self._peer, self._serial], [], [], 0.05)[0]
+                    if self._peer in ready:
+                        self._serial.write(b"".join(telnet.filter(self._peer.recv(4096))))
+                    if self._serial in ready and self._serial.in_waiting:
+                        self.write(b"".join(telnet.escape(self._serial.read(4096))))
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of pyserial, about its own thread
