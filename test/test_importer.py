@@ -142,22 +142,21 @@ def measurements(frame, rotated, own, differences=0):
 
 
 @pytest.mark.parametrize("rotated", [False, True])
-@pytest.mark.parametrize("own", [False, True])
-def test_the_measurement_order_of_pyeit_and_eidors(tmp_path, measured, rotated, own):
-    listed = np.array([measurements(frame, rotated, own) for frame in measured])
-    np.save(tmp_path / "pyeit.npy", listed)
-    io.savemat(tmp_path / "eidors.mat", {"vi": {"meas": listed.T, "type": "data"}})
-    imported(tmp_path / "pyeit.npy", measured, ["of pyeit"], order="pyeit", rotated=rotated)
-    imported(tmp_path / "eidors.mat", measured, ["of eidors"], order="eidors", rotated=rotated)
-
-
-@pytest.mark.parametrize(("order", "sign"), [("pyeit", 1), ("eidors", -1)])
-@pytest.mark.parametrize("rotated", [False, True])
-def test_differences_of_neighbours_are_added_up_from_the_ground(measured, order, sign, rotated):
-    frames = measured - np.stack([np.diag(frame) for frame in measured])[:, :, None]
-    listed = np.array([measurements(frame, rotated, True, sign) for frame in frames])
-    listed = listed if order == "pyeit" else listed.T
-    imported(listed, frames, ["differences of neighbours"], order=order, rotated=rotated)
+@pytest.mark.parametrize("kind", ["own", "others", "differences of neighbours"])
+@pytest.mark.parametrize("order", ["pyeit", "eidors"])
+def test_the_measurement_orders_of_pyeit_and_eidors(tmp_path, measured, order, kind, rotated):
+    """Differences are added up from the ground."""
+    frames, sign = measured, 0
+    if kind == "differences of neighbours":
+        frames = measured - np.stack([np.diag(frame) for frame in measured])[:, :, None]
+        sign = 1 if order == "pyeit" else -1
+    listed = np.array([measurements(frame, rotated, kind != "others", sign) for frame in frames])
+    if order == "pyeit":
+        np.save(tmp_path / "file.npy", listed)
+    else:
+        io.savemat(tmp_path / "file.mat", {"vi": {"meas": listed.T, "type": "data"}})
+    told = [kind if sign else f"of {order}"]
+    imported(next(tmp_path.iterdir()), frames, told, order=order, rotated=rotated)
 
 
 def test_pyeit_itself_lists_measurements_so():
