@@ -116,41 +116,35 @@ def npz(tmp_path):
 
 
 @pytest.mark.parametrize("storage", ["mcap", "sqlite3", "sqlite3 of Humble"])
-def test_a_bag_is_read_without_ros(tmp_path, storage):
-    path = write_bag(tmp_path / "bag", storage.split()[0])
+def test_a_bag_of_their_layout_is_read_by_devices_and_commands_without_ros(tmp_path, storage):
+    path, recording = write_bag(tmp_path / "bag", storage.split()[0]), a_recording()
     if storage.endswith("Humble"):
         forget_definitions(next(path.glob("*.db3")))
-    recording = a_recording()
     frames = list(read_frames(path))
     assert [f.sequence for f in frames] == [10, 11, 12, 13, 14]
-    assert np.array_equal([f.voltages for f in frames], recording["voltages"], equal_nan=True)
-    assert [f.stamp for f in frames] == pytest.approx(recording["stamps"])
-    assert frames[0].grounded.tolist() == [0, 1, 2, 3]
-    assert frames[0].drive_voltage == 5.0
-    assert [f.row_period for f in frames] == pytest.approx([2.5e-3] * 5)
+    loaded = load_recording(path, LAYOUT)
+    for voltages in (loaded.voltages, [f.voltages for f in frames]):
+        assert np.array_equal(voltages, recording["voltages"], equal_nan=True)
+    for stamps in (loaded.stamps, [f.stamp for f in frames]):
+        assert stamps == pytest.approx(recording["stamps"])
+    for each in (loaded, frames[0]):
+        assert each.grounded.tolist() == [0, 1, 2, 3]
+        assert each.drive_voltage == 5.0 and each.row_period == pytest.approx(2.5e-3)
+    assert load_recording(path, LAYOUT, drive_voltage=2.0).drive_voltage == 2.0
+    assert loaded.truth is None
     (file,) = path.glob("*.mcap" if storage == "mcap" else "*.db3")
     assert len(list(read_frames(file))) == 5
 
 
-def test_the_commands_take_a_bag_of_their_layout(tmp_path):
-    path, recording = write_bag(tmp_path / "bag"), a_recording()
-    loaded = load_recording(path, LAYOUT)
-    assert np.array_equal(loaded.voltages, recording["voltages"], equal_nan=True)
-    assert loaded.grounded.tolist() == [0, 1, 2, 3]
-    assert loaded.drive_voltage == 5.0
-    assert loaded.row_period == pytest.approx(2.5e-3)
-    assert loaded.stamps == pytest.approx(recording["stamps"])
-    assert load_recording(path, LAYOUT, drive_voltage=2.0).drive_voltage == 2.0
-    assert load_recording(path, LAYOUT).truth is None
-    with pytest.raises(
-        InputError, match=f"bag: frame 10 is of layout '{LAYOUT.id}', not of 'other#"
-    ):
-        load_recording(path, replace(LAYOUT, name="other"))
+def test_a_bag_of_another_layout_is_refused(tmp_path):
+    path = write_bag(tmp_path / "bag")
     larger = equal_grid(3, 3, (0.2, 0.2), 0.0025, 1e4, inset=0.02, name=LAYOUT.name)
-    with pytest.raises(InputError, match=f"is of layout '{LAYOUT.id}', not of '{larger.id}'"):
-        load_recording(path, larger)
-    with pytest.raises(InputError, match="frame 10 is of layout"):
-        ReplayDevice(path, E, layout_id=larger.id)
+    for other in (replace(LAYOUT, name="other"), larger):
+        words = f"bag: frame 10 is of layout '{LAYOUT.id}', not of '{other.id}'"
+        with pytest.raises(InputError, match=words):
+            load_recording(path, other)
+        with pytest.raises(InputError, match="frame 10 is of layout"):
+            ReplayDevice(path, E, layout_id=other.id)
 
 
 @pytest.mark.parametrize(
