@@ -73,11 +73,27 @@ class Watch:
         assert not stamps or stamps[-1] <= time.time() + 1e-3
 
 
+def opened(device) -> Watch:
+    """The device, opened, with a watch over it."""
+    watch = Watch(device)
+    device.open(watch)
+    return watch
+
+
+def collect(device, number: int) -> list:
+    """The first frames of a device, at least so many."""
+    watch = opened(device)
+    try:
+        watch.wait_for(lambda status: len(watch.frames) >= number)
+    finally:
+        device.close()
+    return watch.frames
+
+
 @contextlib.contextmanager
 def watched(device: SerialDevice):
     """The opened device, closed at the end and its frames checked."""
-    watch = Watch(device)
-    device.open(watch)
+    watch = opened(device)
     try:
         yield watch
     finally:

@@ -62,23 +62,14 @@ def test_a_resistance_to_ground_stands_in_equation_a():
     got = simulated.frame(0.0)
     np.testing.assert_allclose(got[OFF], expected[OFF], atol=1e-8)
     np.testing.assert_allclose(np.diag(got), (own + 60.0) * current, atol=1e-8)
+    np.testing.assert_allclose(np.diag(IDEAL), 0.0, atol=1e-12)
     assert np.abs(got - IDEAL)[OFF].max() > 0.1
 
 
-def test_drawn_resistances_lie_in_their_range():
+def test_drawn_channels_have_their_range_and_spread_and_are_those_of_their_seed():
     drawn = Channels(ground_resistance=Uniform(150.0, 75.0, seed=1)).of(10_000).ground_resistance
     assert 75.0 <= drawn.min() < 76.0 and 224.0 < drawn.max() <= 225.0
     assert drawn.mean() == pytest.approx(150.0, rel=0.02)
-    same = simulator(
-        ground_resistance=tuple(Channels(ground_resistance=Uniform(150.0)).of(E).ground_resistance)
-    )
-    np.testing.assert_allclose(same.frame(0.0), simulator(switch=150.0).frame(0.0))
-
-
-def test_gains_and_offsets():
-    gain, offset = tuple(np.linspace(0.9, 1.1, E)), tuple(np.linspace(-0.01, 0.02, E))
-    got = simulator(gain=gain, offset=offset).frame(0.0)
-    np.testing.assert_allclose(got[OFF], (IDEAL * gain + offset)[OFF])
     numbers = Channels(gain=Rms(0.02, seed=3), offset=Rms(0.005, seed=3)).of(10_000)
     assert numbers.gain.std() == pytest.approx(0.02, rel=0.03)
     assert numbers.gain.mean() == pytest.approx(1.0, abs=1e-3)
@@ -87,6 +78,12 @@ def test_gains_and_offsets():
     drawn = [simulator(gain=Rms(0.02, seed=s)).frame(0.0)[OFF] for s in (3, 3, 4)]
     np.testing.assert_array_equal(drawn[0], drawn[1])
     assert np.abs(drawn[0] - drawn[2]).max() > 0.01
+
+
+def test_gains_and_offsets():
+    gain, offset = tuple(np.linspace(0.9, 1.1, E)), tuple(np.linspace(-0.01, 0.02, E))
+    got = simulator(gain=gain, offset=offset).frame(0.0)
+    np.testing.assert_allclose(got[OFF], (IDEAL * gain + offset)[OFF])
 
 
 @pytest.mark.parametrize("part", [0.03, tuple(np.linspace(0.0, 0.2, E))])
@@ -122,41 +119,32 @@ def test_a_stuck_channel_reads_its_voltage_whatever_happens():
     assert np.isnan(got[2, 2])
 
 
-def test_own_readings_are_what_drops_over_the_switch():
-    np.testing.assert_allclose(np.diag(IDEAL), 0.0, atol=1e-12)
-    assert np.isnan(np.diag(simulator(switch=60.0).frame(0.0))).all()
-    own = np.diag(simulator(switch=60.0, own_reading=True).frame(0.0))
-    assert (own > 1e-3).all()
-
-
-SCENE = """
-format: tomotactile-scene/1
-drive_voltage: 3.3
-own_reading: true
-defects:
-  gain: {rms: 0.02, seed: 4}
-  offset: [0.001, 0.002, 0.003, 0.004]
-  ground_resistance: {mean: 150.0, spread: 75.0, seed: 5}
-  settling: 0.01
-  open: [3]
-  stuck: {2: 1.5}
+KEYS = """
+gain: {rms: 0.02, seed: 4}
+offset: [0.001, 0.002, 0.003, 0.004]
+ground_resistance: {mean: 150.0, spread: 75.0, seed: 5}
+settling: 0.01
+open: [3]
+stuck: {2: 1.5}
 """
 
 
+def scene_with(path, keys):
+    """A scene of these defects, from a file."""
+    text = "format: tomotactile-scene/1\ndrive_voltage: 3.3\nown_reading: true\ndefects:\n"
+    path.write_text(text + "".join(f"  {line}\n" for line in keys.strip().splitlines()))
+    return load_scene(path)
+
+
 def test_a_scene_file_names_them_and_is_written_back(tmp_path):
-    path = tmp_path / "worn.yaml"
-    path.write_text(SCENE)
-    scene = load_scene(path)
-    assert scene.own_reading
-    channels = scene.defects.channels
-    assert channels == Channels(
-        Rms(0.02, 4), (0.001, 0.002, 0.003, 0.004), Uniform(150.0, 75.0, 5), 0.01, (3,), {2: 1.5}
-    )
+    scene = scene_with(tmp_path / "worn.yaml", KEYS)
+    offset, ground = (0.001, 0.002, 0.003, 0.004), Uniform(150.0, 75.0, 5)
+    expected = Channels(Rms(0.02, 4), offset, ground, 0.01, (3,), {2: 1.5})
+    assert scene.own_reading and scene.defects.channels == expected
     scene.save(tmp_path / "again.yaml")
     again = load_scene(tmp_path / "again.yaml")
     assert again.defects == scene.defects and again.own_reading
-    small = equal_grid(2, 2, (0.2, 0.2), 0.005, 1e4, inset=0.02)
-    Simulator(small, scene, "closed_form").frame(0.0)
+    scene.check(equal_grid(2, 2, (0.2, 0.2), 0.005, 1e4, inset=0.02))
     with pytest.raises(InputError, match="defects.offset: a list of 4 numbers, the layout has 16"):
         scene.check(LAYOUT)
 
@@ -177,8 +165,6 @@ def test_a_scene_file_names_them_and_is_written_back(tmp_path):
     ],
 )
 def test_impossible_channels_are_refused_in_one_line(tmp_path, defect, complaint):
-    path = tmp_path / "scene.yaml"
-    path.write_text(f"format: tomotactile-scene/1\ndrive_voltage: 3.3\ndefects:\n  {defect}\n")
     with pytest.raises(InputError, match=complaint) as caught:
-        load_scene(path)
+        scene_with(tmp_path / "scene.yaml", defect)
     assert "\n" not in str(caught.value)

@@ -33,9 +33,9 @@ def expected(sequence: int) -> np.ndarray:
     return voltages
 
 
-def feed(assembler: FrameAssembler, rows) -> list:
-    """All frames that come of `rows`."""
-    return [frame for r in rows for frame in assembler.feed(r)]
+def feed(assembler, rows) -> list:
+    """All frames or runs that come of `rows`."""
+    return [made for r in rows for made in assembler.feed(r)]
 
 
 @pytest.mark.parametrize("rows", [E, 40])
@@ -56,9 +56,7 @@ def test_rows_under_another_drive_voltage_are_brought_to_that_of_the_frame(rows)
     assert frame.drive_voltage == 3.0
     assert np.allclose(frame.voltages, wanted, atol=0.5, equal_nan=True)
     assert np.isclose(frame.drive_span, 1.2)
-    runs = RunAssembler(5)
-    found = [run for each in sent for run in runs.feed(each)]
-    for run in found:
+    for run in feed(RunAssembler(5), sent):
         share = run.drive_voltage / 3.0
         assert np.allclose(run.voltages, share * wanted[run.grounded], atol=0.5, equal_nan=True)
 
@@ -108,50 +106,76 @@ def test_of_many_rows_each_is_where_it_belongs_whichever_are_lost(lost):
     assert (frame.missing, frame.last_sample) == (len(lost), 1 + arrived[-1].row)
 
 
-def test_repeated_late_and_misfitting_rows_are_ignored():
+FRAME = [row(i, 5) for i in range(E)]
+AGAIN = [row(i, 6) for i in range(E)]
+WRAPS = [row(i, s, time=t) for s, t in ((0xFFFFFFFF, 1000), (0, 2000)) for i in range(E)]
+ORDERS = {
+    "repeated and late": ([*FRAME[:2], FRAME[1], row(3, 4), *FRAME[2:], *FRAME], [5], 2 + E, 0),
+    "misfitting": (
+        [*FRAME, AGAIN[0]._replace(count=5, readings=bytes(10)), row(0, 6, rows=3)], [5], 2, 0,
+    ),
+    "grounded twice": ([AGAIN[0], row(1, 6, grounded=0), *AGAIN[2:]], [], 1, 0),
+    "by another row": (
+        [*FRAME, row(0, 6, grounded=1), row(1, 6, grounded=0), *AGAIN[2:]], [5], 2, 0,
+    ),
+    "of before and after a restart": (
+        [*FRAME[:2], *(row(i, 5, time=50_000) for i in (2, 3))], [], 0, 1,
+    ),
+    "a restart": ([row(i, s) for s in (50_000, 0, 1) for i in range(E)], [50_000, 0, 1], 0, 0),
+    "the sequence wraps": (WRAPS, [0xFFFFFFFF, 0], 0, 0),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ORDERS)
+def test_rows_make_no_frame_that_they_are_not_of(name):
+    rows, sequences, ignored, incomplete = ORDERS[name]
     assembler = FrameAssembler(E, E)
-    good = [row(i, 5) for i in range(E)]
-    wide = row(0, 6)._replace(count=5, readings=bytes(10))
-    frames = feed(
-        assembler, [*good[:2], good[1], row(3, 4), *good[2:], *good, wide, row(0, 6, rows=3)]
-    )
-    assert [f.sequence for f in frames] == [5]
-    assert assembler.counters.rows_ignored == 2 + E + 2
+    frames = feed(assembler, rows)
+    assert [frame.sequence for frame in frames] == sequences
+    assert all(frame.grounded.tolist() == list(range(E)) for frame in frames)
+    counters = assembler.counters
+    assert (counters.rows_ignored, counters.frames_incomplete) == (ignored, incomplete)
+    assert counters.frames_lost == 0 and (incomplete or ignored or not counters.packets_lost)
 
 
-def test_an_electrode_is_grounded_once_in_a_frame_and_always_by_the_same_row():
+ORDER = (3, 0, 3)
+
+
+def ordered(index: int, order=ORDER, sequence: int = 1, scan: int = 9, **changes) -> protocol.Row:
+    """A row of an order, with a zero of 1000 counts; its readings tell row and sequence."""
+    counts = 1000 + 100 * sequence + 10 * index + np.arange(E)
+    made = protocol.Row(
+        E, index, len(order), sequence, 100 * (index + 1), 10_000 * sequence, 0.5, 3.0,
+        order[index], protocol.pack_counts(counts), scan, 1000, 2,
+    )  # fmt: skip
+    return made._replace(**changes)
+
+
+def test_rows_of_another_order_than_they_say_or_of_an_unknown_one_are_ignored():
     assembler = FrameAssembler(E, E)
-    rows = [row(i, 1) for i in range(E)]
-    twice = row(1, 1, grounded=0)
-    assert feed(assembler, [rows[0], twice, *rows[2:]]) == []
-    assert assembler.counters.rows_ignored == 1
-    (frame,) = feed(assembler, [row(i, 2) for i in range(E)])
-    assert frame.grounded.tolist() == list(range(E))
-    swapped = [row(0, 3, grounded=1), row(1, 3, grounded=0), row(2, 3), row(3, 3)]
-    assert feed(assembler, swapped) == []
-    assert assembler.counters.rows_ignored == 3
+    assembler.expect_order(9, ORDER)
+    for wrong in ({"grounded": 2}, {"scan": 8}, {"rows": 4}, {"scan": 0}):
+        assert assembler.feed(ordered(0, **wrong)) == [] and not assembler.accepted
+    assembler.expect_order(10, (1, 2, 0))
+    mixed = [ordered(0), ordered(1, (1, 2, 0), scan=10), ordered(1), ordered(2)]
+    (frame,) = feed(assembler, mixed)
+    assert frame.grounded.tolist() == list(ORDER)
+    assert assembler.counters.rows_ignored == 5
 
 
-def test_rows_of_equal_sequence_from_before_and_after_a_restart_are_not_joined():
-    rows = [row(0, 3), row(1, 3), *(row(i, 3, time=50_000) for i in (2, 3))]
-    assembler = FrameAssembler(E, E)
-    assert feed(assembler, rows) == []
-    assert assembler.counters.frames_incomplete == 1
-
-
-def test_a_restarted_device_goes_on_and_its_jump_is_no_loss():
-    assembler = FrameAssembler(E, E)
-    rows = [row(i, s) for s in (50_000, 0, 1) for i in range(E)]
-    assert [f.sequence for f in feed(assembler, rows)] == [50_000, 0, 1]
-    assert assembler.counters.packets_lost == 0
-
-
-def test_the_sequence_wraps_without_a_loss():
-    last = 0xFFFFFFFF
-    rows = [row(i, last, time=1000) for i in range(E)] + [row(i, 0, time=2000) for i in range(E)]
-    assembler = FrameAssembler(E, E)
-    assert len(feed(assembler, rows)) == 2
-    assert (assembler.counters.frames_lost, assembler.counters.packets_lost) == (0, 0)
+def test_runs_hold_rows_that_follow_one_another_and_when_they_were_taken():
+    order = (3, 0, 2, 1, 2, 0, 3)
+    sent = [(s, i) for s in (1, 2) for i in range(7) if (s, i) not in ((2, 1), (2, 5))]
+    done = feed(RunAssembler(3), [ordered(i, order, s) for s, i in sent])
+    groups = [[3, 0, 2], [1, 2, 0], [3], [3], [2, 1, 2], [3]]
+    assert [run.grounded.tolist() for run in done] == groups
+    begins = [10_000, 10_300, 10_600, 20_000, 20_200, 20_600]
+    assert [run.frame_time for run in done] == begins
+    for run, begin in zip(done, begins):
+        assert run.row_period == 100.0
+        assert run.last_sample == begin + 100 * len(run.grounded)
+        assert run.voltages.shape == (len(run.grounded), E)
+    assert done[1].voltages[0, 0] == 0.5 * (100 + 30)
 
 
 def arrivals(device: np.ndarray, drift: float, seed: int = 0) -> np.ndarray:
@@ -242,15 +266,14 @@ def test_dead_channels_are_told_from_idle_ones():
     assert channels.dead == (3, 5)
 
 
-def test_a_rate_that_is_not_reached_and_frames_that_are_lost_are_told():
+def test_a_rate_that_is_not_reached_is_told():
     now = [1000.0]
     watched = Health(lambda: now[0])
 
-    def deliver(seconds, rate, lost=0):
+    def deliver(seconds, rate):
         for _ in range(round(seconds * rate)):
             now[0] += 1 / rate
             watched.frame_delivered(np.zeros((E, E)), 3.3, now[0])
-            watched.frames_lost(lost)
         return [(trouble.name, trouble.serious) for trouble in watched.troubles(10.0)]
 
     assert deliver(1.0, 5.0) == []  # too early to say
@@ -259,5 +282,3 @@ def test_a_rate_that_is_not_reached_and_frames_that_are_lost_are_told():
     assert watched.troubles(5.0) == watched.troubles() == []
     watched.forget_rate()  # another one is wanted from now on
     assert deliver(20.0, 10.0) == []
-    assert deliver(10.0, 10.0, lost=1) == [("loss", True)]
-    assert watched.troubles(10.0)[0].text == "50 % of the frames are lost or incomplete"

@@ -1,12 +1,13 @@
 """The wire protocol: examples of docs/protocol.md, round trips, damage."""
 
 import ctypes
-import importlib.util
+import importlib
 import math
 import re
 import shutil
 import struct
 import subprocess
+import sys
 import zlib
 from pathlib import Path
 
@@ -19,6 +20,8 @@ from process_support import python
 from tomotactile_ros.devices import cobs, protocol
 
 ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT / "benchmark"))
+FUZZ = importlib.import_module("fuzz_protocol")
 DOCUMENT = (ROOT / "docs" / "protocol.md").read_text(encoding="utf-8")
 
 
@@ -122,20 +125,19 @@ def test_the_c_code_of_the_firmware_writes_and_reads_the_examples(tmp_path):
         assert out.raw[:length] == packet
 
 
-@given(st.binary(max_size=1500))
-def test_cobs_round_trip(data):
+RUNS = st.builds(
+    bytes.__mul__, st.just(b"\7"), st.sampled_from([0, 1, 253, 254, 255, 507, 508, 509])
+)
+
+
+@given(RUNS, st.binary(max_size=1500) | st.sampled_from([b"\0", b"\0\0", b"\0\1"]))
+def test_cobs_round_trip(run, tail):
+    """Also at the edges of full blocks."""
+    data = run + tail
     encoded = cobs.encode(data)
     assert 0 not in encoded
     assert len(encoded) <= len(data) + len(data) // 254 + 1
-    assert cobs.decode(encoded) == data
-
-
-@pytest.mark.parametrize("length", [253, 254, 255, 507, 508, 509])
-@pytest.mark.parametrize("tail", [b"", b"\0", b"\0\0", b"\0\1"])
-def test_cobs_at_the_edges_of_full_blocks(length, tail):
-    data = b"\7" * length + tail
-    assert cobs.decode(cobs.encode(data)) == data
-    assert _plain_cobs_decode(cobs.encode(data)) == data
+    assert cobs.decode(encoded) == _plain_cobs_decode(encoded) == data
 
 
 def test_a_final_code_behind_a_full_block_may_be_absent():
@@ -145,7 +147,8 @@ def test_a_final_code_behind_a_full_block_may_be_absent():
 
 SINGLE = st.floats(width=32, allow_nan=False, allow_infinity=False)
 POSITIVE = st.floats(min_value=2.0**-120, max_value=2.0**120, width=32)
-U8, U16, U32 = st.integers(0, 0xFF), st.integers(0, 0xFFFF), st.integers(0, 0xFFFFFFFF)
+U8, U16, U32, U64 = (st.integers(0, 2**bits - 1) for bits in (8, 16, 32, 64))
+COUNT = st.integers(1, 0xFFFF)
 SCALES = st.floats(min_value=2.0**-120, max_value=2.0**19, width=32)
 TEXT = st.text(max_size=50).map(lambda text: "".join(filter(str.isprintable, text)))
 
@@ -154,58 +157,46 @@ TEXT = st.text(max_size=50).map(lambda text: "".join(filter(str.isprintable, tex
 def rows(draw, version: int) -> protocol.Row:
     count, of = draw(st.integers(1, 2026)), draw(st.integers(1, 0xFFFF))
     newer = {"scan": U16, "zero": U16, "address": U8} if version > 1 else {}
-    return protocol.Row(
-        count,
-        draw(st.integers(0, of - 1)),
-        of,
-        draw(U32),
-        draw(U32),
-        draw(st.integers(0, 2**64 - 1)),
-        draw(SCALES),
-        draw(POSITIVE),
-        draw(st.integers(0, count - 1)),
-        np.random.default_rng(draw(U32)).bytes(2 * count),
-        version=version,
-        **{name: draw(values) for name, values in newer.items()},
-    )
+    made = protocol.Row(
+        count, draw(st.integers(0, of - 1)), of, draw(U32), draw(U32), draw(U64), draw(SCALES),
+        draw(POSITIVE), draw(st.integers(0, count - 1)),
+        np.random.default_rng(draw(U32)).bytes(2 * count), version=version,
+    )  # fmt: skip
+    return made._replace(**{name: draw(values) for name, values in newer.items()})
 
 
 def packets(version: int):
     """Packets of every type of a version."""
-    v = st.just(version)
-    address = U8 if version > 1 else st.just(0)
-    count = st.integers(1, 0xFFFF)
-    shape = (U16, count, count, U8, POSITIVE, POSITIVE, U32)
-    texts = (TEXT, TEXT, TEXT)
-    if version == 1:
-        return st.one_of(
-            st.builds(protocol.Command, st.sampled_from([1, 2, 3]), U16, v, address),
-            st.builds(protocol.SetRate, U16, SINGLE, v, address),
-            rows(version),
-            st.builds(
-                protocol.Identity, *shape, SINGLE, *texts, st.sampled_from(["", "v2"]), v, address,
-                *map(st.just, (0, 0, 0.0, 0.0)),
-            ),
-            st.builds(protocol.Ack, U16, U8, st.booleans(), POSITIVE, v, address, *2 * [st.just(0)]),
-            st.builds(protocol.Error, U16, U8, U8, TEXT, v, address),
-        )  # fmt: skip
-    return st.one_of(
-        st.builds(protocol.Command, st.sampled_from([1, 3, 6]), U16, v, address),
-        st.builds(protocol.Start, U16, U16, U32, v, address),
-        st.builds(protocol.SetRate, U16, SINGLE, v, address),
-        st.builds(protocol.SetScan, U16, st.lists(U16, max_size=70).map(tuple), v, address),
+    zero, v = st.just(0), st.just(version)
+    address = U8 if version > 1 else zero
+    sender = v, address
+    identity = U16, COUNT, COUNT, U8, POSITIVE, POSITIVE, U32
+    ack = U16, U8, st.booleans(), POSITIVE, *sender
+    kinds = [
         rows(version),
-        st.builds(
-            protocol.Identity, *shape, st.just(0.0), *texts, st.just(""), v, address, U16, U32,
-            POSITIVE.map(float.__neg__), POSITIVE,
-        ),
-        st.builds(protocol.Ack, U16, U8, st.booleans(), POSITIVE, v, address, U32, U16),
-        st.builds(protocol.Error, U16, U8, U8, TEXT, v, address),
-        st.builds(
-            protocol.Status, U16, st.booleans(), U32, SINGLE, st.integers(0, 2**64 - 1), U32, U32,
-            v, address,
-        ),
-    )  # fmt: skip
+        st.builds(protocol.SetRate, U16, SINGLE, *sender),
+        st.builds(protocol.Error, U16, U8, U8, TEXT, *sender),
+    ]
+    if version == 1:
+        also, none = st.sampled_from(["", "v2"]), [zero, zero, st.just(0.0), st.just(0.0)]
+        return st.one_of(
+            *kinds,
+            st.builds(protocol.Command, st.sampled_from([1, 2, 3]), U16, *sender),
+            st.builds(protocol.Identity, *identity, SINGLE, TEXT, TEXT, TEXT, also, *sender, *none),
+            st.builds(protocol.Ack, *ack, zero, zero),
+        )
+    rest = st.just(0.0), TEXT, TEXT, TEXT, st.just(""), *sender
+    newer = U16, U32, POSITIVE.map(float.__neg__), POSITIVE
+    order = st.lists(U16, max_size=70).map(tuple)
+    return st.one_of(
+        *kinds,
+        st.builds(protocol.Command, st.sampled_from([1, 3, 6]), U16, *sender),
+        st.builds(protocol.Start, U16, U16, U32, *sender),
+        st.builds(protocol.SetScan, U16, order, *sender),
+        st.builds(protocol.Identity, *identity, *rest, *newer),
+        st.builds(protocol.Ack, *ack, U32, U16),
+        st.builds(protocol.Status, U16, st.booleans(), U32, SINGLE, U64, U32, U32, *sender),
+    )
 
 
 PACKETS = st.one_of(map(packets, protocol.VERSIONS))
@@ -222,29 +213,25 @@ def test_packets_survive_the_line_in_pieces_of_any_size(packets, piece):
     assert parser.pending == 0
 
 
-def an_example(**changes) -> protocol.Row:
-    """A valid row, changed."""
-    return MEANINGS["ROW, 4"]._replace(**changes)
-
-
+ROW, NEWER = MEANINGS["ROW, 4"], MEANINGS["IDENTITY of version 2"]
 WRONG = {
-    "row index": an_example(row=4),
-    "grounded electrode": an_example(grounded=4),
-    "scale zero": an_example(scale=0.0),
-    "scale negative": an_example(scale=-1.0),
-    "scale not a number": an_example(scale=math.nan),
-    "scale infinite": an_example(scale=math.inf),
-    "readings that are not finite": an_example(scale=3e38),
-    "drive voltage": an_example(drive_voltage=-1.0),
-    "drive voltage not a number": an_example(drive_voltage=math.nan),
-    "too few readings": an_example(count=5),
-    "half a reading": an_example(readings=b"\1\2\3\4\5\6\7"),
+    "row index": ROW._replace(row=4),
+    "grounded electrode": ROW._replace(grounded=4),
+    "scale zero": ROW._replace(scale=0.0),
+    "scale negative": ROW._replace(scale=-1.0),
+    "scale not a number": ROW._replace(scale=math.nan),
+    "scale infinite": ROW._replace(scale=math.inf),
+    "readings that are not finite": ROW._replace(scale=3e38),
+    "drive voltage": ROW._replace(drive_voltage=-1.0),
+    "drive voltage not a number": ROW._replace(drive_voltage=math.nan),
+    "too few readings": ROW._replace(count=5),
+    "half a reading": ROW._replace(readings=b"\1\2\3\4\5\6\7"),
     "rate of an identity": MEANINGS["IDENTITY"]._replace(rate=math.nan),
     "rate infinite": MEANINGS["ACK"]._replace(rate=math.inf),
     "rate zero": MEANINGS["ACK"]._replace(rate=0.0),
-    "row rate zero": MEANINGS["IDENTITY of version 2"]._replace(max_row_rate=0.0),
-    "lowest voltage": MEANINGS["IDENTITY of version 2"]._replace(lowest=1.0),
-    "lowest voltage not a number": MEANINGS["IDENTITY of version 2"]._replace(lowest=math.nan),
+    "row rate zero": NEWER._replace(max_row_rate=0.0),
+    "lowest voltage": NEWER._replace(lowest=1.0),
+    "lowest voltage not a number": NEWER._replace(lowest=math.nan),
     "temperature": MEANINGS["STATUS"]._replace(temperature=math.inf),
 }
 
@@ -263,45 +250,26 @@ def test_texts_of_a_device_are_fit_for_one_line():
     assert (found[0].name, found[0].serial, found[1].message) == ("skin??", "?[31mµ", "no??ADC")
 
 
-@pytest.mark.parametrize(
-    "content",
-    [
-        b"",
-        b"\x10",
-        b"\x10\x01",
-        b"\x01\x01\x00",
-        b"\x77\x01\x00\x00",
-        b"\x01\x03\x05\x00",
-        b"\x05\x01\x05\x00",
-        b"\x01\x02\x05\x00\x00\x00\x00\x00\x00",
-        b"\x05\x02\x05\x00\x02\x00\x00\x00\x01\x00",
-    ],
-    ids=[
-        "empty",
-        "type only",
-        "no fields",
-        "cut field",
-        "unknown type",
-        "version 3",
-        "type of version 2 only",
-        "longer than it should be",
-        "shorter than it says",
-    ],
-)
+SKIPPED = {
+    "empty": b"",
+    "type only": b"\x10",
+    "no fields": b"\x10\x01",
+    "cut field": b"\x01\x01\x00",
+    "unknown type": b"\x77\x01\x00\x00",
+    "version 3": b"\x01\x03\x05\x00",
+    "type of version 2 only": b"\x05\x01\x05\x00",
+    "longer than it should be": b"\x01\x02\x05\x00\x00\x00\x00\x00\x00",
+    "shorter than it says": b"\x05\x02\x05\x00\x02\x00\x00\x00\x01\x00",
+}
+
+
+@pytest.mark.parametrize("content", SKIPPED.values(), ids=SKIPPED)
 def test_short_unknown_and_future_packets_are_counted_and_skipped(content):
     parser = protocol.Parser()
     good = protocol.encode(protocol.Command(protocol.START, 1))
     assert parser.feed(protocol.frame(content) + good) == [protocol.Command(protocol.START, 1)]
     assert parser.counters.malformed == 1
     assert parser.counters.resynchronisations == 1
-
-
-@given(st.data())
-def test_no_single_changed_byte_is_accepted(data):
-    wire = bytearray(protocol.encode(MEANINGS["ROW, 130"]))
-    at = data.draw(st.integers(0, len(wire) - 1))
-    wire[at] ^= data.draw(st.integers(1, 255))
-    assert protocol.Parser().feed(bytes(wire) + b"\0") == []
 
 
 def test_an_endless_packet_is_not_kept():
@@ -315,7 +283,7 @@ def test_an_endless_packet_is_not_kept():
 
 
 def test_the_longest_packet_passes():
-    row = an_example(count=2029, readings=bytes(range(1, 254)) * 16 + b"\1" * 10)
+    row = ROW._replace(count=2029, readings=bytes(range(1, 254)) * 16 + b"\1" * 10)
     assert protocol.Parser().feed(protocol.encode(row)) == [row]
 
 
@@ -324,7 +292,7 @@ def test_the_longest_packet_passes():
 def test_damaged_streams(seed, version):
     """100 kB each: nothing accepted that was not sent, back in step at the second packet."""
     figures = FUZZ.damage_run(100_000, seed, version)
-    assert figures["packets accepted"] > 0
+    assert figures["packets accepted"] > 0 and figures["whole frames"] > 0
     assert figures["checksum errors"] + figures["framing errors"] > 0
 
 
@@ -337,16 +305,3 @@ def test_what_is_made_of_the_tables_is_up_to_date():
     """The constants of Python and C, and the tables of the document."""
     done = python(ROOT / "scripts/protocol", "--check")
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
-
-
-def load_fuzz():
-    """benchmark/fuzz_protocol.py as a module."""
-    place = importlib.util.spec_from_file_location(
-        "fuzz_protocol", ROOT / "benchmark" / "fuzz_protocol.py"
-    )
-    module = importlib.util.module_from_spec(place)
-    place.loader.exec_module(module)
-    return module
-
-
-FUZZ = load_fuzz()

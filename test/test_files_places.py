@@ -103,20 +103,10 @@ def test_a_file_that_grows_while_it_is_read_or_takes_too_long_is_given_up(tmp_pa
 SECRET = "c0rrect-h0rse"
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        SECRET,
-        f"root:{SECRET}:x",
-        f"- {SECRET}",
-        f"{SECRET}: 1\n{SECRET}: 2",
-        f"a: *{SECRET}",
-        f"a: !{SECRET} 1",
-        f"%{SECRET}",
-        f"format: {SECRET}",
-        f"password: {SECRET}\n",
-    ],
-)
+TEXTS = "{0}|root:{0}:x|- {0}|{0}: 1\n{0}: 2|a: *{0}|a: !{0} 1|%{0}|format: {0}|password: {0}\n"
+
+
+@pytest.mark.parametrize("text", TEXTS.format(SECRET).split("|"))
 def test_a_refusal_does_not_tell_what_stands_in_the_file(tmp_path, text):
     from tomotactile_ros.scenes.scene import load_scene
 
@@ -131,14 +121,8 @@ def test_a_refusal_does_not_tell_what_stands_in_the_file(tmp_path, text):
 
 def test_a_recording_that_grows_without_bounds_is_refused(tmp_path):
     bomb = tmp_path / "bomb.npz"
-    with zipfile.ZipFile(bomb, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name in ("voltages", "grounded"):
-            with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
-                np.lib.format.write_array_header_1_0(
-                    member, {"descr": "|u1", "fortran_order": False, "shape": (150_000_000,)}
-                )
-                for _ in range(150):
-                    member.write(bytes(1_000_000))
+    large = np.zeros(150_000_000, np.uint8)
+    np.savez_compressed(bomb, voltages=large, grounded=large)
     assert bomb.stat().st_size < 1e6
     with pytest.raises(InputError, match="would grow to 300 MB"):
         load_arrays(bomb)

@@ -1,7 +1,10 @@
 """Files that people have become frames: what is guessed is told, what is refused says what would be
-right."""
+right; the five files that docs/import.md shows, its commands, and what they print."""
 
 import json
+import re
+import shlex
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +14,7 @@ from tomotactile_ros import InputError
 from tomotactile_ros.cli import main
 from tomotactile_ros.frames_file import load_frames
 from tomotactile_ros.importer.frames import import_frames
-from tomotactile_ros.layouts.layout import equal_grid
+from tomotactile_ros.layouts.layout import equal_grid, load_layout
 from tomotactile_ros.scenes.contact import Contact
 from tomotactile_ros.scenes.contact_law import ContactLaw
 from tomotactile_ros.scenes.defects import Noise
@@ -31,13 +34,6 @@ def measured():
     scene = Scene("press", 3.3, (contact,), ContactLaw(1e-4, 1.0), Noise(0.001), own_reading=True)
     simulator = Simulator(LAYOUT, scene, row_period=0.0)
     return np.stack([simulator.frame(0.1 * n, n) for n in range(COUNT)])
-
-
-@pytest.fixture(scope="module")
-def layout_file(tmp_path_factory):
-    path = tmp_path_factory.mktemp("layout") / "sheet.yaml"
-    LAYOUT.save(path)
-    return path
 
 
 def without_own(frames):
@@ -63,70 +59,38 @@ def write(path, lines, separator, header=(), number="{:.7g}"):
     return path
 
 
-def test_a_csv_file_becomes_contacts_by_two_commands(tmp_path, measured, layout_file, capsys):
-    """The way of a user: rows of electrodes in mV below a header, with the times of the rows."""
+def test_a_csv_file_with_the_times_of_its_rows(tmp_path, measured):
+    """Rows of electrodes in mV below a header."""
     times = np.arange(COUNT * E) * 0.8  # ms
     lines = np.column_stack([times, 1e3 * measured.reshape(-1, E)])
-    header = ["time_ms", *(f"ch{e}" for e in range(E))]
-    csv, frames, result = tmp_path / "press.csv", tmp_path / "f.npz", tmp_path / "r.npz"
-    write(csv, lines, ",", header)
-    words = ["--layout", str(layout_file)]
-    assert main(["import", str(csv), *words, "--out", str(frames)]) == 0
-    told = capsys.readouterr().out
-    for part in (
+    write(tmp_path / "press.csv", lines, ",", ["time_ms", *(f"ch{e}" for e in range(E))])
+    told = [
         "80 lines of 17 numbers, separated by commas, below a header",
         "5 frames of 16 rows, axes frames x rows x electrodes",
         "unit mV (guessed, --unit)",
         "rows 0.8 ms apart",
         "grounded assumed",
-    ):
-        assert part in told
-    loaded = load_frames(frames, LAYOUT.id)
-    assert loaded.row_period == pytest.approx(8e-4)
-    np.testing.assert_allclose(loaded.stamps, np.arange(COUNT) * E * 8e-4)
-    assert loaded.lawless
-    how = ["--profile", "balanced", "--out", str(result)]
-    assert main(["reconstruct", str(frames), *words, *how]) == 0
-    assert main(["inspect", str(result)]) == 0
-    assert "no contact law" in capsys.readouterr().out
-    (contact,) = json.loads(str(np.load(result)["contacts"]))[-1]
-    assert np.hypot(contact["x"] - PLACE[0], contact["y"] - PLACE[1]) < 0.002
+    ]
+    frames = imported(tmp_path / "press.csv", measured, told).frames
+    assert frames.row_period == pytest.approx(8e-4)
+    np.testing.assert_allclose(frames.stamps, np.arange(COUNT) * E * 8e-4)
 
 
-@pytest.mark.parametrize("ending", ["csv", "tsv", "npy", "mat"])
-def test_a_frame_alone_in_every_kind_of_file(tmp_path, measured, ending):
-    path = tmp_path / f"one.{ending}"
-    frame = measured[0]
-    if ending == "npy":
-        np.save(path, frame)
-    elif ending == "mat":
-        io.savemat(path, {"V": frame, "comment": "by hand"})
-    else:
-        write(path, frame, "," if ending == "csv" else "\t")
-    imported(path, [frame], ["1 frames of 16 rows", "unit V (guessed"])
+def test_an_array_alone_may_be_one_frame(measured):
+    imported(measured[0], measured[:1], ["1 frames of 16 rows", "unit V (guessed"])
 
 
-def test_a_column_says_what_is_grounded(tmp_path, measured):
+@pytest.mark.parametrize("column", [True, False])
+def test_it_is_told_what_is_grounded(tmp_path, measured, column):
+    """By a column, or where readings are missing."""
     order = [7, 3, 0, 12]
-    few = measured[:, order]
-    lines = np.column_stack([np.tile(order, COUNT), few.reshape(-1, E)])
-    path = write(tmp_path / "few.csv", lines, ",")
-    found = import_frames(path, LAYOUT)
+    few = (measured if column else without_own(measured))[:, order].reshape(-1, E)
+    lines = np.column_stack([np.tile(order, COUNT), few]) if column else few
+    found = import_frames(write(tmp_path / "few.csv", lines, ","), LAYOUT)
     assert found.frames.grounded.tolist() == order
-    assert "grounded from their column: 7 3 0 12" in found.told
-    assert found.frames.voltages.shape == (COUNT, 4, E)
-
-
-def test_missing_readings_tell_which_electrode_is_grounded(tmp_path, measured):
-    order = [7, 3, 0, 12]
-    few = without_own(measured)[:, order]
-    text = "\n".join(
-        ",".join("" if np.isnan(v) else f"{v:.6g}" for v in row) for row in few.reshape(-1, E)
-    )
-    (tmp_path / "few.csv").write_text(text)
-    found = import_frames(tmp_path / "few.csv", LAYOUT)
-    assert found.frames.grounded.tolist() == order
-    assert "grounded where readings are missing: 7 3 0 12" in found.told
+    how = "from their column" if column else "where readings are missing"
+    assert f"grounded {how}: 7 3 0 12" in found.told
+    np.testing.assert_allclose(found.frames.voltages, without_own(measured)[:, order], atol=1e-6)
 
 
 @pytest.mark.parametrize("mark", ["x", "-1", "9999"])
@@ -178,22 +142,21 @@ def measurements(frame, rotated, own, differences=0):
 
 
 @pytest.mark.parametrize("rotated", [False, True])
-@pytest.mark.parametrize("own", [False, True])
-def test_the_measurement_order_of_pyeit_and_eidors(tmp_path, measured, rotated, own):
-    listed = np.array([measurements(frame, rotated, own) for frame in measured])
-    np.save(tmp_path / "pyeit.npy", listed)
-    io.savemat(tmp_path / "eidors.mat", {"vi": {"meas": listed.T, "type": "data"}})
-    imported(tmp_path / "pyeit.npy", measured, ["of pyeit"], order="pyeit", rotated=rotated)
-    imported(tmp_path / "eidors.mat", measured, ["of eidors"], order="eidors", rotated=rotated)
-
-
-@pytest.mark.parametrize(("order", "sign"), [("pyeit", 1), ("eidors", -1)])
-@pytest.mark.parametrize("rotated", [False, True])
-def test_differences_of_neighbours_are_added_up_from_the_ground(measured, order, sign, rotated):
-    frames = measured - np.stack([np.diag(frame) for frame in measured])[:, :, None]
-    listed = np.array([measurements(frame, rotated, True, sign) for frame in frames])
-    listed = listed if order == "pyeit" else listed.T
-    imported(listed, frames, ["differences of neighbours"], order=order, rotated=rotated)
+@pytest.mark.parametrize("kind", ["own", "others", "differences of neighbours"])
+@pytest.mark.parametrize("order", ["pyeit", "eidors"])
+def test_the_measurement_orders_of_pyeit_and_eidors(tmp_path, measured, order, kind, rotated):
+    """Differences are added up from the ground."""
+    frames, sign = measured, 0
+    if kind == "differences of neighbours":
+        frames = measured - np.stack([np.diag(frame) for frame in measured])[:, :, None]
+        sign = 1 if order == "pyeit" else -1
+    listed = np.array([measurements(frame, rotated, kind != "others", sign) for frame in frames])
+    if order == "pyeit":
+        np.save(tmp_path / "file.npy", listed)
+    else:
+        io.savemat(tmp_path / "file.mat", {"vi": {"meas": listed.T, "type": "data"}})
+    told = [kind if sign else f"of {order}"]
+    imported(next(tmp_path.iterdir()), frames, told, order=order, rotated=rotated)
 
 
 def test_pyeit_itself_lists_measurements_so():
@@ -298,10 +261,123 @@ def test_shares_of_the_drive_voltage_are_pointed_out(measured):
 
 def test_infinite_readings_are_missing_ones(measured, tmp_path):
     """A file that its own reader refuses."""
-    readings, told = np.array(measured), "infinite readings taken for missing: 2"
+    readings = np.array(measured)
     readings[1, 3, 5], readings[2, 7, 0] = np.inf, -np.inf
-    path, out = tmp_path / "inf.npy", tmp_path / "frames.npz"
-    np.save(path, readings)
-    found = imported(path, np.where(np.isinf(readings), np.nan, readings), [told])
-    found.save(out)
-    assert np.isnan(load_frames(out).voltages[1, 3, 5])
+    np.save(tmp_path / "inf.npy", readings)
+    wanted = np.where(np.isinf(readings), np.nan, readings)
+    told = ["infinite readings taken for missing: 2"]
+    imported(tmp_path / "inf.npy", wanted, told).save(tmp_path / "frames.npz")
+    assert np.isnan(load_frames(tmp_path / "frames.npz").voltages[1, 3, 5])
+
+
+PAGE = (Path(__file__).parents[1] / "docs/import.md").read_text(encoding="utf-8")
+SECTIONS = {
+    name: text
+    for name, text in re.findall(r"^## (.*?)\n(.*?)(?=^## |\Z)", PAGE, re.MULTILINE | re.DOTALL)
+}
+TOUCH = (0.012, -0.006)  # m
+READINGS = np.array(
+    [
+        [[0, 2.203, 1.702, 2.289], [1.861, 0, 2.130, 2.059],
+         [1.806, 2.464, 0, 1.949], [2.183, 2.255, 1.704, 0]],
+        [[0, 2.202, 1.700, 2.288], [1.861, 0, 2.129, 2.058],
+         [1.804, 2.467, 0, 1.947], [2.185, 2.256, 1.707, 0]],
+    ]
+)  # fmt: skip
+OFF = ~np.eye(4, dtype=bool)
+
+
+def commands(text: str) -> list[list[str]]:
+    return [shlex.split(line) for line in re.findall(r"^    tomotactile (.*)$", text, re.MULTILINE)]
+
+
+def write_bag(messages, topics=("/readings",), shaped=True) -> None:
+    """A folder `bag` of Float32MultiArray."""
+    rosbag2 = pytest.importorskip("rosbags.rosbag2")
+    from rosbags.typesys import Stores, get_typestore
+
+    store, kind = get_typestore(Stores.ROS2_JAZZY), "std_msgs/msg/Float32MultiArray"
+    types = store.types
+    plugin = rosbag2.StoragePlugin.MCAP
+    with rosbag2.Writer(Path("bag"), version=9, storage_plugin=plugin) as writer:
+        for topic in topics:
+            connection = writer.add_connection(topic, kind, typestore=store)
+            for number, array in enumerate(messages):
+                dimension = types["std_msgs/msg/MultiArrayDimension"]
+                dim = [dimension(label="", size=n, stride=0) for n in array.shape if shaped]
+                layout = types["std_msgs/msg/MultiArrayLayout"](dim=dim, data_offset=0)
+                message = types[kind](layout=layout, data=array.astype(np.float32).ravel())
+                time = round(1e9 * (1000 + 0.1 * number))
+                writer.write(connection, time, store.serialize_cdr(message, kind))
+
+
+def save_pyeit(section: str) -> None:
+    (code,) = re.findall(r"```python\n(.*?)```", section, re.DOTALL)
+    exec(code, {"np": np, "v": READINGS[:, OFF]})  # noqa: S102 - the page's own line
+
+
+MAKE = {
+    "A matrix of MATLAB": lambda text: io.savemat("press.mat", {"V": READINGS.transpose(1, 2, 0)}),
+    "A bag of Float32MultiArray": lambda text: write_bag(READINGS),
+    "Arrays of pyEIT": save_pyeit,
+}
+EXAMPLES = [name for name, text in SECTIONS.items() if "tomotactile import" in text]
+
+
+@pytest.fixture
+def small(tmp_path, monkeypatch):
+    """In a folder with the layout of the page."""
+    monkeypatch.chdir(tmp_path)
+    (command,) = commands(PAGE.split("\n## ")[0])
+    assert main(command) == 0
+
+
+def test_there_are_five_examples():
+    assert len(EXAMPLES) == 5 and set(MAKE) < set(EXAMPLES)
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_an_example_of_the_page(small, name, capsys):
+    section = SECTIONS[name]
+    *shown, printed = re.findall(r"```text\n(.*?)```", section, re.DOTALL)
+    if shown:
+        (file,) = re.findall(r"^`([\w.]+)`", section, re.MULTILINE)
+        Path(file).write_text(shown[0])
+    else:
+        MAKE[name](section)
+    (command,) = commands(section)
+    capsys.readouterr()
+    assert main(command) == 0
+    assert capsys.readouterr().out == printed
+    frames = load_frames("frames.npz", load_layout("small.yaml").id)
+    number = len(frames.voltages)
+    counts = "bit" in printed
+    np.testing.assert_allclose(
+        frames.voltages[:, OFF], READINGS[:number, OFF], atol=4e-3 if counts else 1e-6
+    )
+    assert frames.grounded.tolist() == [0, 1, 2, 3]
+    for command in commands(SECTIONS["Then"]):
+        assert main(command) == 0
+    (contact,) = json.loads(str(np.load("results.npz")["contacts"]))[-1]
+    assert np.hypot(contact["x"] - TOUCH[0], contact["y"] - TOUCH[1]) < 0.001
+
+
+def test_a_bag_of_rows_without_shape_has_their_times(small):
+    write_bag(READINGS.reshape(-1, 4), shaped=False)
+    found = import_frames("bag", load_layout("small.yaml"))
+    np.testing.assert_allclose(found.frames.voltages[:, OFF], READINGS[:, OFF], atol=1e-6)
+    assert found.frames.row_period == pytest.approx(0.1)
+    assert found.frames.stamps == pytest.approx([1000.0, 1000.4])
+
+
+def test_bags_of_several_topics_or_of_something_else(small):
+    layout = load_layout("small.yaml")
+    write_bag(READINGS, topics=("/left", "/right"))
+    with pytest.raises(InputError, match=r"several topics \(/left, /right\): name one"):
+        import_frames("bag", layout)
+    assert len(import_frames("bag", layout, variable="right").frames.voltages) == 2
+    with pytest.raises(InputError, match="no frames on up"):
+        import_frames("bag", layout, variable="up")
+    Path("empty").mkdir()
+    with pytest.raises(InputError, match="empty: "):
+        import_frames("empty", layout)

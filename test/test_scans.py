@@ -1,12 +1,10 @@
-"""The order of the scan: from the layout file through simulation, devices and files to a
-contact."""
+"""The order of the scan: from the layout file through devices to a contact."""
 
-import threading
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from devices_support import PATIENCE, E, plugged, sensor, watched
+from devices_support import E, collect, plugged, sensor, watched
 
 from tomotactile_ros.devices import DeviceSettings, make_device
 from tomotactile_ros.devices.emulator import EmulatedDevice
@@ -19,7 +17,6 @@ from tomotactile_ros.scenes.scene import Scene
 from tomotactile_ros.simulation import Simulator
 from tomotactile_ros.support.errors import InputError
 
-ORDER = (5, 10, 3, 12, 0, 15, 6, 9)
 GRID = equal_grid(4, 4, (0.2, 0.2), 0.005, 1e4, name="grid")
 SMALL = equal_grid(2, 3, (0.2, 0.2), 0.005, 1e4)
 
@@ -30,6 +27,7 @@ def test_the_file_keeps_the_order_and_the_geometry_its_id(tmp_path):
     found = load_layout(tmp_path / "scanned.yaml")
     assert found.scan == (3, 0, 3) and found.grounded.tolist() == [3, 0, 3]
     assert found.id == GRID.id and GRID.grounded.tolist() == list(range(16))
+    assert Simulator(found, Scene("idle", 3.3)).frame(0.0).shape == (3, 16)
 
 
 @pytest.mark.parametrize(
@@ -50,28 +48,29 @@ def test_impossible_orders_are_one_line(tmp_path, order, complaint):
     assert complaint in str(error.value) and "\n" not in str(error.value)
 
 
-def test_rows_of_the_scan_are_each_of_their_own_time():
-    """A touch that lands after the third row is in the later rows alone."""
-    start = 2.5e-3
-    touch = Contact("disc", center=(0.01, 0.02), radius=0.006, pressure=2e4, start=start)
-    scene = Scene("touch", 3.3, (touch,), contact_law=ContactLaw(1e-4, 1.0))
-    frame = Simulator(replace(GRID, scan=ORDER), scene, "closed_form").frame(0.0)
-    every = Simulator(GRID, scene, "closed_form", row_period=0.0).frame(1.0)
-    assert np.nanmax(np.abs(frame[:3])) < 1e-9
-    np.testing.assert_allclose(frame[3:], every[list(ORDER[3:])], rtol=1e-9)
+JUMPING = spread(SMALL.positions, range(E))
 
 
-def test_the_order_of_the_layout_is_commanded_and_a_parameter_comes_first():
-    settings = DeviceSettings(replace(SMALL, scan=(4, 1, 4)), "serial", port="")
-    with plugged(sensor()) as port:
-        device = make_device(replace(settings, port=port.path))
-        with watched(device) as watch:
-            watch.wait_for(
-                lambda s: watch.frames and watch.frames[-1].grounded.tolist() == [4, 1, 4]
-            )
-        device = make_device(replace(settings, port=port.path, scan=(2,)))
-        with watched(device) as watch:
-            watch.wait_for(lambda s: watch.frames and watch.frames[-1].grounded.tolist() == [2])
+@pytest.mark.parametrize(
+    ("scan", "settings", "versions", "wanted"),
+    [
+        ((4, 1, 4), {}, [1, 2], [4, 1, 4]),
+        ((4, 1, 4), {"scan": (2,)}, [1, 2], [2]),
+        ((), {"order": "jumping"}, [1], sorted(JUMPING)),
+        ((), {"order": "jumping"}, [1, 2], JUMPING),
+    ],
+    ids=["of the layout", "parameter", "device that takes none", "usual order"],
+)
+def test_the_order_is_commanded_where_the_device_takes_one(scan, settings, versions, wanted):
+    assert sorted(JUMPING) != JUMPING
+    chosen = DeviceSettings(replace(SMALL, scan=scan), "serial", port="", **settings)
+    with (
+        plugged(sensor(versions=versions)) as port,
+        watched(make_device(replace(chosen, port=port.path))) as watch,
+    ):
+        watch.wait_for_frames(2)
+        assert not watch.device.status().troubles
+    assert {tuple(frame.grounded.tolist()) for frame in watch.frames} == {tuple(wanted)}
 
 
 def test_eight_of_64_rows_at_125_frames_a_second_through_driver_and_reconstruction():
@@ -84,19 +83,9 @@ def test_eight_of_64_rows_at_125_frames_a_second_through_driver_and_reconstructi
     scene = Scene("touch", 3.3, (touch,), contact_law=law, noise=Noise(1e-3, seed=1))
     seen = Simulator(whole, scene, "closed_form")
     device = EmulatedDevice(lambda time, sequence, order: seen.frame(0.0)[order], 64, rate=125.0)
-    frames, enough = [], threading.Event()
-
-    def take(frame):
-        if len(frame.grounded) == 8:
-            frames.append(frame)
-        if len(frames) == 5:
-            enough.set()
-
     with plugged(device) as port:
-        driver = make_device(DeviceSettings(layout, "serial", port=port.path, rate=125.0))
-        driver.open(take)
-        assert enough.wait(PATIENCE), driver.status()
-        driver.close()
+        settings = DeviceSettings(layout, "serial", port=port.path, rate=125.0)
+        frames = collect(make_device(settings), 5)
     pipeline = Pipeline(layout, Settings("accurate", contact_law=law))
     for frame in frames[:5]:
         assert frame.grounded.tolist() == list(layout.scan)
@@ -122,17 +111,3 @@ def test_an_adaptive_frame_grounds_electrodes_near_contacts_and_all_others_in_tu
     assert sorted(untouched) == list(range(64))
     few = AdaptiveOrder(positions[:5]).frame(contacts)
     assert sorted(few) == list(range(5))
-
-
-@pytest.mark.parametrize("versions", [[1], [1, 2]])
-def test_the_usual_order_is_that_of_devices_that_take_one(versions):
-    settings = DeviceSettings(SMALL, "serial", port="", order="jumping")
-    with plugged(sensor(versions=versions)) as port:
-        device = make_device(replace(settings, port=port.path))
-        with watched(device) as watch:
-            watch.wait_for_frames(2)
-            assert not device.status().troubles
-    jumping = spread(SMALL.positions, range(E))
-    assert jumping != sorted(jumping)
-    wanted = jumping if 2 in versions else sorted(jumping)
-    assert {tuple(frame.grounded.tolist()) for frame in watch.frames} == {tuple(wanted)}
