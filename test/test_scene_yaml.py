@@ -39,6 +39,9 @@ adc: {bits: 12, range: 3.3}
 defects:
   dead: [5]
   swapped: [[1, 2]]
+  outline: {rectangle: [0.21, 0.204]}
+  holes: [[[0.01, 0.01], [0.05, 0.01], [0.01, 0.05]]]
+  electrode_radius: 0.006
   sheet_variation: {relative: 0.2, length: 0.05}
   anisotropy: {ratio: 1.5, direction: 30}
   gradient: {relative: 0.3}
@@ -68,9 +71,14 @@ def test_good_file_is_read(tmp_path):
     assert rectangle.angle == 30 and rectangle.size == (0.02, 0.01)
     assert scene.contact_law == ContactLaw(1e-4, 1.0)
     assert (scene.noise, scene.adc) == (Noise(0.001, 0), Adc(12, 3.3))
-    assert scene.defects == Defects(
-        (5,), ((1, 2),), sheet_variation=SheetVariation(0.2, 0.05), sheet=FIELD
-    )
+    scene.save(tmp_path / "again.yaml")
+    for defects in (scene.defects, load_scene(tmp_path / "again.yaml").defects):
+        assert defects.outline.kind == "rectangle" and defects.outline.size == (0.21, 0.204)
+        np.testing.assert_array_equal(defects.holes, [[[0.01, 0.01], [0.05, 0.01], [0.01, 0.05]]])
+        plain = dataclasses.replace(defects, outline=None, holes=(), electrode_radius=None)
+        variation = SheetVariation(0.2, 0.05)
+        assert plain == Defects((5,), ((1, 2),), sheet_variation=variation, sheet=FIELD)
+        assert defects.electrode_radius == 0.006
 
 
 WAY, LAW = "to: 4.0, velocity: [0.02, 0]", "exponent: 1.0"
