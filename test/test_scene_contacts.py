@@ -48,18 +48,6 @@ def test_patches_fill_the_contact_and_follow_its_rim(contact, across):
     assert 2 * np.pi * radii[on_rim].sum() == pytest.approx(outline.length, rel=1e-3)
 
 
-def test_second_moment_of_a_disc_converges():
-    """The polar moment of a uniform disc is r²/2 per area."""
-    contact = Contact("disc", (0.0, 0.0), radius=1.0)
-    errors = []
-    for across in (8, 16, 32):
-        points, areas, _ = contact.patches(across)
-        errors.append(abs((areas @ (points**2).sum(axis=1)) / contact.area - 0.5))
-    assert errors[0] < 0.01
-    rates = np.log2(np.array(errors[:-1]) / errors[1:])
-    assert (rates > 1.7).all()
-
-
 @pytest.mark.parametrize(
     "shape, form",
     [
