@@ -73,19 +73,6 @@ def test_contains_and_rim_distance():
     np.testing.assert_allclose(circle.rim_distance(points), [0.2, 0, 0.1, 0.5, 5e-5], atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("holes", "line"),
-    [
-        ([np.array(HOLE) * 1e3], r"holes\[0\]: does not lie wholly inside.*; is it in mm"),
-        ([HOLE, np.array(HOLE) / 2], r"holes\[1\]: touches or overlaps holes\[0\]"),
-        ([HOLE[:2]], r"holes\[0\]: 2 points given, at least 3 are needed"),
-    ],
-)
-def test_bad_holes_are_refused(holes, line):
-    with pytest.raises(InputError, match=line):
-        Outline.rectangle(1.0, 1.0, holes=holes)
-
-
 @given(scale=st.floats(1e-3, 1e3))
 def test_polygon_must_be_centred_to_a_millionth(scale):
     square = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])

@@ -43,6 +43,7 @@ def test_good_file_is_read(tmp_path):
 
 
 OUTLINE, NAME = "rectangle: [0.2, 0.2]", "name: square"
+HOLE = "[[0, 0], [0.05, 0], [0, 0.05]]"
 
 
 @pytest.mark.parametrize(
@@ -72,6 +73,13 @@ OUTLINE, NAME = "rectangle: [0.2, 0.2]", "name: square"
             OUTLINE,
             OUTLINE + ", holes: [[[0, 0], [1, 0], [0, 1]]]",
             "outline.holes[0]: does not lie",
+        ),
+        (OUTLINE, OUTLINE + ", holes: [[[-50, -50], [50, -50], [0, 50]]]", "; is it in mm"),
+        (OUTLINE, f"{OUTLINE}, holes: [{HOLE}, {HOLE}]", "holes[1]: touches or overlaps holes[0]"),
+        (
+            OUTLINE,
+            OUTLINE + ", holes: [[[0, 0], [0.1, 0]]]",
+            "holes[0]: 2 points given, at least 3",
         ),
         (NAME, "name: s\nsurface: {cylinder: {radius: 0.01}}", "must be at least 0.03183 m"),
         (NAME, "name: s\ntolerance: {rim: 1}", "tolerance.rim: unknown key"),

@@ -86,15 +86,13 @@ def seconds(tab):
     return float(found[1]) if found else math.nan
 
 
-def bent():
-    return replace(load_layout("equal-8x8"), surface=Cylinder(0.08))
+BENT = replace(load_layout("equal-8x8"), surface=Cylinder(0.08))
 
 
 def test_cells_are_turned_as_the_surface_is():
-    layout = bent()
-    grid = Grid.for_outline(layout.outline, 40)
-    cells = layout.surface.to_3d(grid.centres).reshape(*grid.shape, 3)
-    off = np.abs(frames_of(cells) - layout.surface.frames(grid.centres).reshape(*grid.shape, 3, 3))
+    grid = Grid.for_outline(BENT.outline, 40)
+    cells = BENT.surface.to_3d(grid.centres).reshape(*grid.shape, 3)
+    off = np.abs(frames_of(cells) - BENT.surface.frames(grid.centres).reshape(*grid.shape, 3, 3))
     # cells at the rim have a neighbour on one side only
     assert off[1:-1, 1:-1].max() < 1e-6 and off.max() < 0.05
 
@@ -123,11 +121,10 @@ def test_columns_have_units_and_something_in_them():
 
 
 def test_the_pointer_presses_where_it_points(page):
-    layout = bent()
-    sheet = page.add_layout(layout, Grid.for_outline(layout.outline, 40))
+    sheet = page.add_layout(BENT, Grid.for_outline(BENT.outline, 40))
     eye = np.array([0.02, -0.18, 0.3])
     for x, y in ((0.0, 0.0), (0.05, -0.03), (-0.07, 0.08), (0.099, -0.099)):
-        (place,) = layout.surface.to_3d(np.array([[x, y]]))
+        (place,) = BENT.surface.to_3d(np.array([[x, y]]))
         assert math.dist(sheet.pick(eye, place - eye), (x, y)) < 1e-3  # of cells of 5 mm
     assert sheet.pick(eye, np.array([0.0, 0.0, 1.0])) is None
 
