@@ -99,18 +99,3 @@ def test_no_choice_of_rows_is_below_the_bound_and_the_one_taken_is_the_best():
     assert 0.3 * min(errors) < chooser.least(3) < min(errors)
     whole = chooser.information.figures(range(16))[0].mean()
     assert chooser.least(16) == pytest.approx(whole, rel=1e-9)
-
-
-def test_slopes_of_the_place_error_by_shares_of_rows():
-    information = RowInformation(EXPECTATION, CENTRES)
-    shares = np.random.default_rng(0).uniform(0.1, 1, 16)
-    error, slopes = information.mean_place(shares)
-    whole = np.zeros(16)
-    whole[[3, 9, 12]] = 1, 2, 1
-    assert information.mean_place(whole)[0] == pytest.approx(
-        information.figures([3, 9, 9, 12])[0].mean()
-    )
-    way = np.random.default_rng(1).normal(size=16)
-    beside = [information.mean_place(shares + step * way)[0] for step in (1e-4, -1e-4)]
-    assert (beside[0] - beside[1]) / 2e-4 == pytest.approx(slopes @ way, rel=1e-5)
-    assert np.mean(beside) > error  # convex

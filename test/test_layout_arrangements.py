@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tomotactile_ros import cli
-from tomotactile_ros.layouts.arrangements import electrode_ring, hexagonal_grid
+from tomotactile_ros.layouts.arrangements import hexagonal_grid
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.support.files import find_config
 
@@ -23,26 +23,11 @@ def test_a_hexagonal_grid_gives_every_inner_electrode_six_neighbours_at_one_dist
     assert (np.count_nonzero(apart < 1.01 * pitch, axis=1)[inner] == 1 + 6).all()
 
 
-def test_order_is_row_by_row_from_the_lower_left():
-    layout = hexagonal_grid(3, 3, (0.2, 0.1), 0.002, 1e4)
-    x, y = layout.positions.T
-    assert (np.lexsort((x, y)) == np.arange(7)).all()
-    assert y.tolist() == [-0.05] * 2 + [0.0] * 3 + [0.05] * 2
-    assert x.tolist() == [-0.05, 0.05, -0.1, 0.0, 0.1, -0.05, 0.05]
-
-
-def test_a_ring_begins_on_the_x_axis_and_goes_counter_clockwise():
-    layout = electrode_ring(8, 0.1, 0.002, 1e4, inset=0.02)
-    angle = np.arctan2(*layout.positions.T[::-1]) % (2 * np.pi)
-    assert angle == pytest.approx(np.arange(8) * np.pi / 4)
-    assert np.linalg.norm(layout.positions, axis=1) == pytest.approx(0.08)
-    assert layout.outline.kind == "circle" and layout.outline.radius == 0.1
-
-
 @pytest.mark.parametrize(
     "name", ["equal-4x4", "equal-8x8", "equal-16x16", "small-4x4", "small-8x8", "hex-37", "ring-16"]
 )
 def test_shipped_layouts_come_from_the_command_that_they_name(name, tmp_path):
+    """Byte for byte: places, their order, keys and how numbers are written."""
     shipped = find_config("layouts", name)
     words = shlex.split(load_layout(shipped).provenance["settings"]["command"])
     again = tmp_path / f"{name}.yaml"

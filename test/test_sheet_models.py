@@ -91,18 +91,6 @@ def test_fem_converges_with_order_two():
     assert rate > 1.8, errors
 
 
-@pytest.mark.parametrize("model", ["fem", "closed_form"])
-@pytest.mark.parametrize("shunting", [True, False])
-def test_reciprocity(model, shunting):
-    layout = equal_grid(4, 4, (0.2, 0.2), 0.005, 1e4)
-    sheet = make_sheet(layout, model, shunting=shunting)
-    between = sheet.electrode_electrode
-    assert np.abs(between - between.T).max() < 1e-10 * np.abs(between).max()
-    transfer = sheet.transfer(points_away(layout, 0.01, 30), 0.002)
-    among = transfer.among(np.arange(len(transfer.points)))
-    assert np.abs(among - among.T).max() < 1e-10 * np.abs(among).max()
-
-
 def test_a_point_beside_an_electrode_is_felt_through_it_in_both_models():
     """Finite elements are a millimetre wide there; with the image of the point in the electrode's rim they have
     the impedance between them, which without it is up to a quarter too large."""
