@@ -105,6 +105,15 @@ def test_a_point_beside_an_electrode_is_felt_through_it_in_both_models():
     np.testing.assert_allclose(*found, rtol=0.05)
 
 
+@pytest.mark.parametrize("model", ["fem", "closed_form"])
+def test_a_transfer_restricted_to_some_points_is_the_same_sheet(model):
+    layout = equal_grid(4, 4, (0.2, 0.2), 0.005, 1e4)
+    whole = make_sheet(layout, model).transfer(points_away(layout, 0.01, 30), 0.002)
+    some = whole.at([4, 2, 9])
+    np.testing.assert_array_equal(some.points, whole.points[[4, 2, 9]])
+    np.testing.assert_allclose(some.among([0, 2]), whole.among([4, 9]), rtol=1e-9)
+
+
 SYMMETRIES = [
     np.linalg.matrix_power([[0, 1], [-1, 0]], turns) @ np.diag([mirrored, 1])
     for turns in range(4)

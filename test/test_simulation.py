@@ -184,13 +184,23 @@ def test_a_frame_is_made_of_rows_that_are_each_solved_at_their_own_time(
     assert np.nanmax(np.abs(got - other)) > apart
 
 
-BALL = {"profile": "hertz", "course": Tap(0.03), "path": [[0.03, 0.03], [0.03, -0.06]], "speed": 2}
+WAY = {"path": [[0.03, 0.03], [0.03, -0.06]], "speed": 2.0}
+BALL = {"profile": "hertz", "course": Tap(0.03), **WAY}
+MEMORY = ContactLaw(1e-4, 1.0, Hysteresis(0.2), Creep(0.1, (0.01,)))
 
 
-@pytest.mark.parametrize("what, exactly", [(BALL, 1e-9), ({}, ROUNDED)], ids=["ball", "rest"])
-def test_rows_of_what_presses_in_time_on_a_sheet_that_remembers(what, exactly):
+@pytest.mark.parametrize(
+    "what, law, exactly",
+    [
+        (BALL, MEMORY, 1e-9),
+        ({}, MEMORY, ROUNDED),
+        ({"course": Tap(0.03)}, LAW, ROUNDED),
+        (WAY, LAW, ROUNDED),
+    ],
+    ids=["ball", "memory alone", "tap alone", "way alone"],
+)
+def test_rows_of_what_presses_in_time_are_those_of_frozen_sheets(what, law, exactly):
     contact = Contact("disc", (-0.03, 0.01), radius=0.006, force=2.0, **what)
-    law = ContactLaw(1e-4, 1.0, Hysteresis(0.2), Creep(0.1, (0.01,)))
     frozen = simulator(contact, model="fem", law=law, row_period=0.0)
     expected = np.array([frozen.frame(0.01 + 1e-3 * row)[row] for row in range(16)])
     assert np.nanmax(np.abs(expected - frozen.frame(0.01))) > 1e-4
