@@ -12,7 +12,7 @@ from tomotactile_ros.evaluation import profile_quality
 from tomotactile_ros.evaluation.gram import Gram
 from tomotactile_ros.evaluation.layout_quality import evaluate_layout
 from tomotactile_ros.evaluation.metrics import blur, quality
-from tomotactile_ros.evaluation.paper_model import paper_transfer
+from tomotactile_ros.evaluation.paper_model import green, green_self, paper_transfer
 from tomotactile_ros.evaluation.point_nodes import point_nodes_transfer
 from tomotactile_ros.evaluation.point_spread import PointSpread, gram_blocks
 from tomotactile_ros.evaluation.profile_quality import evaluate_profile, off_lattice
@@ -190,6 +190,23 @@ def test_equal_grids_of_the_paper(count, radius, mean, worst_region):
     hwhm = evaluate_layout(layout).metrics["hwhm"]
     assert hwhm["mean"] / 0.2 == pytest.approx(mean, rel=0.01)
     assert hwhm["worst_region"] / 0.2 == pytest.approx(worst_region, rel=0.01)
+
+
+def test_points_with_a_radius_are_means_over_circles():
+    """Mean over a circle of the field of a point: in the sheet, at the rim, in a corner."""
+    size, radius = (0.3, 0.2), 0.004
+    angle = 2 * np.pi * (np.arange(720) + 0.5) / 720
+    circle = radius * np.column_stack([np.cos(angle), np.sin(angle)])
+    points = np.array([[0.02, 0.03], [0.02, 0.1], [-0.15, -0.1]])
+    for centre in points:
+        around = centre + circle
+        around = around[(np.abs(around) <= np.array(size) / 2).all(axis=1)]
+        for offset in (0.0, 0.4, 0.9, 1.5):
+            source = centre * (1 - 1e-9) - offset * radius * np.sign(centre) / np.sqrt(2)
+            exact = green(around, source[None], size, 1e-6).mean()
+            assert green([centre], [source], size, radius)[0, 0] == pytest.approx(exact, abs=3e-3)
+    own = np.diagonal(green(points, points, size, radius))
+    assert green_self(points, size, radius) == pytest.approx(own, abs=1e-12)
 
 
 @pytest.fixture(scope="module")

@@ -99,3 +99,13 @@ def test_no_choice_of_rows_is_below_the_bound_and_the_one_taken_is_the_best():
     assert 0.3 * min(errors) < chooser.least(3) < min(errors)
     whole = chooser.information.figures(range(16))[0].mean()
     assert chooser.least(16) == pytest.approx(whole, rel=1e-9)
+
+
+def test_slopes_of_the_place_error_by_shares_of_rows():
+    information = RowInformation(EXPECTATION, CENTRES)
+    random = np.random.default_rng(0)
+    shares, way = random.uniform(0.1, 1, 16), random.normal(size=16)
+    error, slopes = information.mean_place(shares)
+    beside = [information.mean_place(shares + step * way)[0] for step in (1e-4, -1e-4)]
+    assert (beside[0] - beside[1]) / 2e-4 == pytest.approx(slopes @ way, rel=1e-5)
+    assert np.mean(beside) > error  # convex
