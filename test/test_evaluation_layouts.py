@@ -16,7 +16,7 @@ from tomotactile_ros.evaluation.paper_model import green, green_self, paper_tran
 from tomotactile_ros.evaluation.point_nodes import point_nodes_transfer
 from tomotactile_ros.evaluation.point_spread import PointSpread, gram_blocks
 from tomotactile_ros.evaluation.profile_quality import evaluate_profile, off_lattice
-from tomotactile_ros.evaluation.regions import layout_regions
+from tomotactile_ros.evaluation.regions import layout_regions, quadrilaterals
 from tomotactile_ros.evaluation.symmetry import find_symmetry
 from tomotactile_ros.layouts.arrangements import electrode_ring
 from tomotactile_ros.layouts.grid import Grid
@@ -105,6 +105,16 @@ def test_regions_of_a_layout(layout, shape, places, owners):
     assert regions.of(places).tolist() == owners
 
 
+def test_quarters_of_a_warped_grid_own_their_points():
+    random = np.random.default_rng(0)
+    layout = equal_grid(4, 4, (0.2, 0.2), 0.002, 1e4)
+    moves = random.uniform(-0.01, 0.01, (16, 2)) * (abs(layout.positions) < 0.09)
+    regions = quadrilaterals(layout.positions + moves, 4, 4)
+    points = random.uniform(-0.099, 0.099, (20000, 2))
+    share = np.bincount(regions.of(points), minlength=9) / len(points)
+    assert share == pytest.approx(regions.areas / 0.04, abs=0.012)
+
+
 def test_potentials_of_single_nodes_far_from_the_source_are_those_of_the_closed_form():
     layout = equal_grid(4, 4, (0.2, 0.2), 0.001, 1.0, inset=0.02)
     grid = Grid.for_outline(layout.outline, 40)
@@ -115,6 +125,18 @@ def test_potentials_of_single_nodes_far_from_the_source_are_those_of_the_closed_
         away = far & (np.linalg.norm(grid.pixels - layout.positions[one], axis=1) > 0.03)
         lack = found[one] - right.impedance(0)[one]
         assert np.ptp(lack[away]) < 0.01 * np.ptp(found[one, away])
+
+
+@pytest.mark.parametrize("outline", [Outline.circle(0.1), Outline.rectangle(0.2, 0.1)])
+def test_single_nodes_are_reciprocal_and_a_contact_on_an_electrode_is_that_electrode(outline):
+    grid = Grid.for_outline(outline, 20)
+    places = grid.pixels[[20, 60, 100]] + [[0, 0], [0.001, 0.0005], [0, 0.002]]
+    transfer = point_nodes_transfer(Layout("three", outline, 1.0, 0.001, places), grid)
+    assert transfer.electrode_of[20] == 0 and np.count_nonzero(transfer.electrode_of >= 0) == 1
+    assert transfer.impedance(0)[:, 20] == pytest.approx(0, abs=1e-9)
+    between = transfer.green(*2 * [np.arange(len(grid.pixels))])
+    assert between == pytest.approx(between.T, abs=1e-9)
+    assert (transfer.self_impedance()[1:] > 0).all()
 
 
 def warped(rows, cols, size=(0.2, 0.2), move=(0.0, 0.0)):
