@@ -12,24 +12,16 @@ from hypothesis import HealthCheck, settings
 
 ROOT = Path(__file__).resolve().parent.parent
 
+# tomotactile_ros as installed, with its messages; from the source tree otherwise
+others = [entry for entry in sys.path if Path(entry or ".").resolve() != ROOT]
+installed = PathFinder.find_spec("tomotactile_ros", others) is not None
+sys.path[:] = others if installed else [str(ROOT), *others]
 
-def prefer_installed_package() -> None:
-    """Import tomotactile_ros as installed, with its messages; from the source tree otherwise."""
-    others = [entry for entry in sys.path if Path(entry or ".").resolve() != ROOT]
-    installed = PathFinder.find_spec("tomotactile_ros", others) is not None
-    sys.path[:] = others if installed else [str(ROOT), *others]
-
-
-def restrict_discovery() -> None:
-    """Keep ROS traffic on this machine (Humble knows only the older variable)."""
-    if os.environ.get("ROS_DISTRO") == "humble":
-        os.environ.setdefault("ROS_LOCALHOST_ONLY", "1")
-    else:
-        os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-
-
-prefer_installed_package()
-restrict_discovery()
+# ROS traffic stays on this machine (Humble knows only the older variable)
+if os.environ.get("ROS_DISTRO") == "humble":
+    os.environ.setdefault("ROS_LOCALHOST_ONLY", "1")
+else:
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 # programs that tests start find the same package, wherever they run
 os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, sys.path))
@@ -37,8 +29,7 @@ os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, sys.path))
 os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
 # a shell ignores it for what runs in its background, and all children would
 signal.signal(signal.SIGINT, signal.default_int_handler)
-# who ends the tests, as `timeout` does, ends the programs that they have started: left behind, they
-# would publish in the domain of a later test
+# who ends the tests ends their programs: left behind, they would publish in the domain of a later test
 signal.signal(signal.SIGTERM, signal.default_int_handler)
 os.environ.setdefault("ROS_PYTHON_CHECK_FIELDS", "1")  # messages complain of what does not fit
 # an example may take as long as it takes: a busy machine is no defect. A quarter of the usual number of
@@ -86,7 +77,7 @@ def own_ros_domain():
 @pytest.fixture(scope="session", autouse=True)
 def sheets_are_made_once():
     """Finite elements and operators of the same even sheet are made once in a test process: that was a
-    quarter of the time of tests without nodes. What simulators solve for their contacts is their own."""
+    quarter of the time of tests without nodes."""
     import numpy as np
 
     from tomotactile_ros.estimation import operator
@@ -94,19 +85,16 @@ def sheets_are_made_once():
 
     make, kept = FemSheet.__init__, {}
 
-    def made(self, layout, *, h=None, ring=16, shunting=True, mesh=None, lines=(), **uneven):
-        def make_it():
-            more = {"mesh": mesh, "lines": lines, **uneven}
-            make(self, layout, h=h, ring=ring, shunting=shunting, **more)
-
-        if mesh is not None or len(lines) or any(each is not None for each in uneven.values()):
-            return make_it()
+    def made(self, layout, *, h=None, ring=16, shunting=True, lines=(), **uneven):
+        how = {"h": h, "ring": ring, "shunting": shunting}
+        if len(lines) or any(each is not None for each in uneven.values()):
+            return make(self, layout, **how, lines=lines, **uneven)
         outline = layout.outline
         arrays = [each.tobytes() for each in (layout.positions, outline.shell, *outline.holes)]
         key = (*arrays, outline.kind, outline.radius, layout.radius, layout.sheet_resistance)
-        key = (*key, h, ring, shunting)
+        key += (h, ring, shunting)
         if key not in kept:
-            make_it()
+            make(self, layout, **how)
             kept[key] = {name: value for name, value in vars(self).items() if name != "_kept"}
             for value in kept[key].values():
                 if isinstance(value, np.ndarray):

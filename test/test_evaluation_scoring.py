@@ -32,43 +32,35 @@ def true(x, y, force=1.0, **more):
     return {"x": x, "y": y, "force": force, **more}
 
 
-def test_pairs_are_the_best_in_all_and_not_the_nearest_first():
-    truth = [true(0.0, 0.0), true(0.006, 0.0)]
-    found = score_frame([Found(0.004, 0.0, 2.0), Found(0.0105, 0.0, 0.5)], truth)
-    assert sorted(found.place) == pytest.approx([0.004, 0.0045])
-    assert sorted(found.force) == pytest.approx([0.5, 1.0])
-    assert (found.ghosts, found.doubled, found.missed) == (0, 0, 0)
+ONE, HALF = [true(0.0, 0.0)], [true(0.0, 0.0, part=True)]
 
 
-def test_far_ones_are_ghosts_and_leave_their_true_one_missed():
-    found = score_frame([Found(0.0101, 0.0)], [true(0.0, 0.0)])
-    assert (found.true, found.ghosts, found.missed, len(found.place)) == (1, 1, 1, 0)
-    near = score_frame([Found(0.0099, 0.0)], [true(0.0, 0.0)])
-    assert (near.ghosts, near.missed) == (0, 0) and near.place == pytest.approx(0.0099)
-
-
-def test_a_second_contact_beside_a_paired_one_is_doubled_and_no_ghost():
-    found = score_frame([Found(0.001, 0.0), Found(0.004, 0.0)], [true(0.0, 0.0)])
-    assert (found.ghosts, found.doubled, found.missed) == (0, 1, 0)
-    assert found.place == pytest.approx([0.001]) and found.ospa == pytest.approx(0.0055)
-
-
-def test_what_is_too_weak_to_matter_is_neither_ghost_nor_pair():
-    found = score_frame([Found(0.05, 0.0, 0.019), Found(0.0, 0.0, 1e-12)], [true(0.0, 0.0)])
-    assert (found.weak, found.ghosts, found.missed, found.ospa) == (2, 0, 1, pytest.approx(0.01))
-    assert score_frame([Found(0.05, 0.0, 0.02)], []).ghosts == 1
-    light = [true(0.0, 0.0, 0.01)]
-    assert (score_frame([], light).true, score_frame([], light).ospa) == (0, 0.0)
-    assert score_frame([Found(0.001, 0.0, 0.02)], light).ghosts == 0
-
-
-def test_what_is_there_for_a_part_of_the_frame_may_be_reported_or_not():
-    truth = [true(0.0, 0.0, part=True)]
-    silent = score_frame([], truth)
-    assert (silent.true, silent.missed, silent.ospa) == (0, 0, 0.0)
-    said = score_frame([Found(0.002, 0.0, 9.0)], truth)
-    assert (said.ghosts, said.missed, len(said.force)) == (0, 0, 0)
-    assert said.place == pytest.approx(0.002) and said.ospa == pytest.approx(0.002)
+@pytest.mark.parametrize(
+    "reported, truth, expected, places",
+    [
+        # the best pairs in all, and not the nearest first
+        ([(0.004, 0.0, 2.0), (0.0105, 0.0, 0.5)], [*ONE, true(0.006, 0.0)],
+         {"true": 2, "force": [0.5, 1.0]}, [0.004, 0.0045]),
+        ([(0.0101, 0.0)], ONE, {"true": 1, "ghosts": 1, "missed": 1}, []),
+        ([(0.0099, 0.0)], ONE, {"true": 1}, [0.0099]),
+        ([(0.001, 0.0), (0.004, 0.0)], ONE, {"true": 1, "doubled": 1, "ospa": 0.0055}, [0.001]),
+        ([(0.05, 0.0, 0.019), (0.0, 0.0, 1e-12)], ONE,
+         {"true": 1, "weak": 2, "missed": 1, "ospa": 0.01}, []),
+        ([(0.05, 0.0, 0.02)], [], {"ghosts": 1}, []),
+        ([], [true(0.0, 0.0, 0.01)], {"ospa": 0.0}, []),
+        ([(0.001, 0.0, 0.02)], [true(0.0, 0.0, 0.01)], {}, None),
+        # there for a part of the frame: it may be reported or not
+        ([], HALF, {"ospa": 0.0}, []),
+        ([(0.002, 0.0, 9.0)], HALF, {"force": [], "ospa": 0.002}, [0.002]),
+    ],
+)  # fmt: skip
+def test_who_is_whose(reported, truth, expected, places):
+    found = score_frame([Found(*each) for each in reported], truth)
+    counts = dict.fromkeys(("true", "ghosts", "doubled", "weak", "missed"), 0)
+    for name, value in (counts | expected).items():
+        got = getattr(found, name)
+        assert (sorted(got) if name == "force" else got) == pytest.approx(value), name
+    assert places is None or sorted(found.place) == pytest.approx(places)
 
 
 @pytest.mark.parametrize("order", [1, 2])

@@ -1,18 +1,24 @@
-"""Frames and sensitivities: against solutions by other means, and what physics demands of them."""
+"""Frames and sensitivities: against other solutions, physics, and at the extremes."""
+
+import warnings
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from tomotactile_ros.layouts.layout import equal_grid
+from tomotactile_ros.layouts.layout import Layout, equal_grid
+from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.scenes.contact import Contact
 from tomotactile_ros.sheet import make_sheet
 from tomotactile_ros.sheet.contact_points import contact_points
-from tomotactile_ros.sheet.fem import FemSheet
 from tomotactile_ros.sheet.sensitivity import Sensitivity
-from tomotactile_ros.sheet.triangles import corner_angles, links, stiffness
 from tomotactile_ros.sheet.voltages import frame
+from tomotactile_ros.support.errors import Doubt
 
 DRIVE = 3.3
+MODELS = ("closed_form", "fem")
+OFF = ~np.eye(16, dtype=bool)
 
 
 @pytest.fixture(scope="module")
@@ -20,7 +26,7 @@ def layout():
     return equal_grid(4, 4, (0.2, 0.2), 0.005, 1e4)
 
 
-@pytest.fixture(scope="module", params=["fem", "closed_form"])
+@pytest.fixture(scope="module", params=MODELS)
 def sheet(request, layout):
     return make_sheet(layout, request.param)
 
@@ -32,74 +38,6 @@ def press(sheet, *contacts, **settings):
 
 def disc(x, y, radius=0.005):
     return Contact("disc", center=(x, y), radius=radius)
-
-
-def test_against_one_solution_per_ground_condition(layout):
-    """The full system of equations, assembled and solved for each ground condition apart."""
-    sheet = FemSheet(layout)
-    transfer, resistance = contact_points(sheet, [(disc(0.031, -0.022, 0.008).patches(), 2.0)])
-    chosen = np.array([3, 9, 20])
-    transfer, resistance = transfer.at(chosen), resistance[chosen]
-    green = transfer.among(np.arange(3))
-    for ground in (0, 5, 15):
-        own = transfer.electrode_electrode[ground, ground]
-        to_ground = transfer.electrode_point[ground]
-        impedance = green - to_ground[:, None] - to_ground + own
-        current = np.linalg.solve(impedance + np.diag(resistance), np.full(3, DRIVE))
-        expected = transfer.impedance(ground) @ current
-        got = frame(transfer, resistance, DRIVE, grounded=[ground])[0]
-        others = np.arange(16) != ground
-        np.testing.assert_allclose(got[others], expected[others], rtol=1e-9)
-        assert np.isnan(got[ground])
-
-
-def test_against_scikit_fem(layout):
-    """An independent finite-element library on its own mesh: 1 % of the drive voltage."""
-    skfem = pytest.importorskip("skfem")
-    from skfem.helpers import dot, grad
-
-    where, radius, conductance = np.array([0.035, 0.02]), 0.01, 2.0
-    axis = np.linspace(-0.1, 0.1, 201)
-    mesh = skfem.MeshTri.init_tensor(axis, axis)
-    basis = skfem.Basis(mesh, skfem.ElementTriP1())
-
-    @skfem.BilinearForm
-    def sheet_form(u, v, w):
-        inside = np.hypot(w.x[0] - where[0], w.x[1] - where[1]) < radius
-        return dot(grad(u), grad(v)) / layout.sheet_resistance + conductance * inside * u * v
-
-    @skfem.LinearForm
-    def drive_form(v, w):
-        inside = np.hypot(w.x[0] - where[0], w.x[1] - where[1]) < radius
-        return conductance * DRIVE * inside * v
-
-    matrix, right = sheet_form.assemble(basis), drive_form.assemble(basis)
-    points = mesh.p.T
-    electrodes = [
-        np.flatnonzero(np.linalg.norm(points - p, axis=1) <= layout.radius + 1e-9)
-        for p in layout.positions
-    ]
-    tied = np.arange(len(points))
-    for nodes in electrodes:
-        tied[nodes] = nodes[0]
-    kept, unknown = np.unique(tied, return_inverse=True)
-    from scipy import sparse
-
-    reduce = sparse.csr_matrix((np.ones(len(points)), (np.arange(len(points)), unknown)))
-    matrix, right = (reduce.T @ matrix @ reduce).tocsc(), reduce.T @ right
-    ground = 6
-    free = np.arange(len(kept)) != unknown[electrodes[ground][0]]
-    potential = np.zeros(len(kept))
-    potential[free] = sparse.linalg.spsolve(matrix[free][:, free], right[free])
-    expected = potential[unknown[[nodes[0] for nodes in electrodes]]]
-    for model in ("fem", "closed_form"):
-        got = press(
-            make_sheet(layout, model, h=0.0025 if model == "fem" else None),
-            (disc(*where, radius), conductance),
-            grounded=[ground],
-        )[0]
-        got[ground] = 0.0
-        assert np.abs(got - expected).max() < 0.01 * DRIVE
 
 
 def test_the_models_agree(layout):
@@ -122,52 +60,6 @@ def test_both_limits_of_the_contact_conductance_are_reached_continuously(sheet):
     assert np.nanmax(np.abs(weak - 10 * weaker)) < 1e-5 * np.nanmax(weak)
 
 
-@pytest.mark.parametrize("conductance", [1e-3, 2.0, 1e3, np.inf])
-def test_maximum_principle(sheet, conductance):
-    voltages = press(sheet, (disc(0.03, 0.04), conductance), (disc(-0.05, 0.0), 5.0))
-    assert np.nanmin(voltages) >= -1e-10 and np.nanmax(voltages) <= DRIVE * (1 + 1e-10)
-
-
-def test_currents_balance(layout):
-    """What enters through the contacts leaves through the grounded electrode, and nowhere else."""
-    sheet = FemSheet(layout)
-    transfer, resistance = contact_points(sheet, [(disc(0.03, 0.04).patches(), 2.0)])
-    everything = np.arange(len(transfer.points))
-    for ground in (0, 6):
-        z = transfer.among(everything) + sheet.electrode_electrode[ground, ground]
-        z = z - transfer.electrode_point[ground] - transfer.electrode_point[ground][:, None]
-        current = np.linalg.solve(z + np.diag(resistance), np.full(len(everything), DRIVE))
-        feed = np.zeros(len(sheet.where))
-        element, weights = sheet.mesh.locate(transfer.points)
-        np.add.at(feed, sheet.unknown[sheet.mesh.triangles[element]], weights * current[:, None])
-        feed[ground] -= current.sum()
-        potential = sheet._solve(feed[:, None])[:, 0]
-        flow = sheet.stiffness @ potential
-        assert np.abs(flow - feed).max() < 1e-10 * current.sum()
-
-
-def test_stiffness_rows_sum_to_zero_and_reproduce_linear_fields():
-    sheet = FemSheet(equal_grid(2, 2, (0.2, 0.1), 0.005, 1.0, inset=0.03))
-    mesh = sheet.mesh
-    cotangents, angles = corner_angles(mesh.points, mesh.triangles)
-    np.testing.assert_allclose(angles.sum(axis=1), np.pi)
-    ends, conductance = links(mesh.triangles, cotangents, np.ones(len(mesh.triangles)))
-    matrix = stiffness(ends, conductance, len(mesh.points))
-    assert np.abs(matrix.sum(axis=1)).max() < 1e-10
-    inside = sheet.layout.outline.rim_distance(mesh.points) > 1e-9
-    assert np.abs((matrix @ mesh.points)[inside]).max() < 1e-12
-    energy = mesh.points[:, 0] @ matrix @ mesh.points[:, 0]
-    assert energy == pytest.approx(0.2 * 0.1, rel=1e-12)
-
-
-def test_switch_resistance_raises_all_readings_alike(sheet):
-    """In series with the ground: the sheet cannot tell it from a higher contact resistance."""
-    open_, closed = (press(sheet, (disc(0.03, 0.04), 2.0), switch_resistance=r) for r in (1e9, 0.0))
-    off = ~np.eye(16, dtype=bool)
-    assert (open_[off] > closed[off]).all()
-    assert np.abs(open_[off] - DRIVE).max() < 1e-3 * DRIVE
-
-
 def test_a_contact_on_an_electrode_holds_it_at_its_own_potential(sheet, layout):
     x, y = layout.positions[5]
     voltages = press(sheet, (disc(x, y, 0.002), np.inf))
@@ -176,14 +68,21 @@ def test_a_contact_on_an_electrode_holds_it_at_its_own_potential(sheet, layout):
     np.testing.assert_array_equal(voltages[5, others], 0.0)  # a short circuit: ground wins
 
 
-@pytest.mark.parametrize("where", [(0.1, 0.0), (0.1, 0.1), (-0.1, 0.03), (0.0999, -0.0999)])
-@pytest.mark.parametrize("conductance", [1e-6, 2.0, np.inf])
-def test_contacts_on_the_rim_and_in_corners(sheet, where, conductance):
-    voltages = press(sheet, (disc(*where, 0.012), conductance))
-    off = ~np.eye(16, dtype=bool)
-    assert np.isfinite(voltages[off]).all()
-    over = 1e-9 if sheet.model == "fem" else 1e-3  # charges on the rims of the two show each other
-    assert voltages[off].min() >= -1e-9 and voltages[off].max() <= DRIVE * (1 + over)
+INSIDE, RIM = (0.03, 0.04), [(0.1, 0.0), (0.1, 0.1), (-0.1, 0.03), (0.0999, -0.0999)]
+PLACES = [
+    *((INSIDE, 0.005, g) for g in (1e-3, 2.0, 1e3, np.inf)),
+    *((where, 0.012, g) for where in RIM for g in (1e-6, 2.0, np.inf)),
+]
+
+
+@pytest.mark.parametrize("where, radius, conductance", PLACES)
+def test_maximum_principle(sheet, where, radius, conductance):
+    beside = [(disc(-0.05, 0.0), 5.0)] if where == INSIDE else []
+    voltages = press(sheet, (disc(*where, radius), conductance), *beside)[OFF]
+    # charges on the rims of the sheet and of the contact show each other
+    over = 1e-3 if sheet.model == "closed_form" and where != INSIDE else 1e-10
+    assert np.isfinite(voltages).all()
+    assert voltages.min() >= -1e-10 and voltages.max() <= DRIVE * (1 + over)
 
 
 def sensitivity(sheet, grounded=None):
@@ -208,9 +107,109 @@ def test_sensitivity_and_its_adjoint(sheet, grounded):
 def test_sensitivity_is_the_reading_of_one_bare_contact_at_one_volt(sheet):
     operator = sensitivity(sheet)
     for k in (0, 17, 50):
-        potential = np.zeros(operator.shape[1])
-        potential[k] = 1.0
         reading = frame(operator.transfer.at([k]), [0.0], 1.0)
-        seen = operator.forward(potential)
-        off = ~np.eye(16, dtype=bool)
-        np.testing.assert_allclose(seen[off], reading[off], atol=1e-9)
+        seen = operator.forward(np.eye(operator.shape[1])[k])
+        np.testing.assert_allclose(seen[OFF], reading[OFF], atol=1e-9)
+
+
+def check(voltages, over=2e-3):
+    off = ~np.eye(len(voltages), dtype=bool)
+    assert np.isnan(np.diagonal(voltages)).all()
+    assert np.isfinite(voltages[off]).all()
+    assert voltages[off].min() >= -over * DRIVE and voltages[off].max() <= (1 + over) * DRIVE
+
+
+@pytest.fixture(scope="module")
+def fine_sheets():
+    layout = equal_grid(4, 4, (0.2, 0.2), 0.004, 1.0)
+    return {model: make_sheet(layout, model, h=0.0025) for model in MODELS}
+
+
+def finely(sheet, *contacts):
+    return frame(*contact_points(sheet, [(c.patches(16), g) for c, g in contacts]), DRIVE)
+
+
+conductances = st.one_of(
+    st.just(0.0), st.just(np.inf), st.floats(-12, 12).map(lambda power: 10.0**power)
+)
+places = st.tuples(st.floats(-0.11, 0.11), st.floats(-0.11, 0.11))
+discs = st.builds(lambda at, r: Contact("disc", center=at, radius=r), places, st.floats(1e-5, 0.09))
+
+
+@given(
+    model=st.sampled_from(MODELS),
+    contacts=st.lists(st.tuples(discs, conductances), min_size=1, max_size=4),
+)
+def test_any_contacts(fine_sheets, model, contacts):
+    """Between ground and drive; up to 5 % over where a bare edge runs along an electrode."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.simplefilter("ignore", Doubt)  # of a sheet resistance of 1 ohm/sq
+        check(finely(fine_sheets[model], *contacts), over=0.05)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_what_conducts_nothing_changes_nothing(fine_sheets, model):
+    """Its patches stood for smaller ones of the other contact, and readings were 5.3 % over the drive."""
+    idle = Contact("disc", center=(-0.0390625, -0.0390625), radius=0.0234375)
+    bare = Contact("disc", center=(-0.03966631229076803, -0.03125), radius=0.015625)
+    both = finely(fine_sheets[model], (idle, 0.0), (bare, np.inf))
+    np.testing.assert_allclose(both, finely(fine_sheets[model], (bare, np.inf)), rtol=1e-12)
+
+
+def of_size(size):
+    short = min(size)
+    layout = equal_grid(2, 2, size, short / 20, 1e4, inset=short / 8, unusual_size=True)
+    return layout, (0.0, 0.1 * short), short / 15
+
+
+def nearly_touching(gap):
+    places = [[-0.005 - gap / 2, 0.0], [0.005 + gap / 2, 0.0], [0.0, 0.05]]
+    return Layout("near", Outline.rectangle(0.2, 0.2), 1.0, 0.005, places), (0.04, 0.0), 0.005
+
+
+def at_the_rim(offset):
+    places = [[-0.1 + offset, 0.02], [0.05, 0.1 - offset], [0.05, -0.05]]
+    return Layout("rim", Outline.rectangle(0.2, 0.2), 1.0, 0.005, places), (-0.02, 0.0), 0.005
+
+
+EXTREMES = [
+    *(
+        (of_size, size)
+        for size in ((1e-3, 1e-3), (10.0, 10.0), (1.0, 0.01), (0.01, 1.0), (1.0, 0.05))
+    ),
+    *((nearly_touching, gap) for gap in (1e-9, 1e-6, 1e-4)),
+    *((at_the_rim, offset) for offset in (0.0, 1e-9, 1e-4, 0.003, 0.0049, 0.005, 0.0051)),
+]
+
+
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("make, how", EXTREMES)
+def test_layouts_at_the_extremes(model, make, how):
+    layout, place, radius = make(how)
+    voltages = finely(make_sheet(layout, model), (disc(*place, radius), np.inf))
+    check(voltages)
+    if make is nearly_touching:  # beside the grounded electrode it is near 0 V
+        assert voltages[0, 1] < 0.5 * voltages[0, 2]
+
+
+def test_sensitivities_stay_finite_on_electrodes_and_rims(layout):
+    points = np.concatenate([layout.positions, layout.positions + 0.00501])
+    points = points[layout.outline.contains(points)]
+    dense = Sensitivity(make_sheet(layout, "closed_form").transfer(points, 1e-3)).dense()
+    assert np.isfinite(dense).all() and np.abs(dense).max() <= 1.01
+
+
+def test_elements_larger_than_the_teeth_of_a_comb_follow_them():
+    comb = [[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1]]
+    for x in np.linspace(0.08, -0.08, 9):
+        comb += [[x, 0.1], [x, -0.09], [x - 0.004, -0.09], [x - 0.004, 0.1]]
+    comb += [[-0.1, 0.1]]
+    layout = Layout("comb", Outline.polygon(comb), 1.0, 0.002, [[-0.09, -0.095], [0.09, -0.095]])
+    found = []
+    for h in (0.05, 0.01):
+        sheet = make_sheet(layout, h=h)
+        corners = sheet.mesh.points[sheet.mesh.triangles]
+        assert layout.outline.contains(corners.mean(axis=1)).all()
+        found.append(np.ptp(sheet.electrode_electrode))
+    assert found[0] == pytest.approx(found[1], rel=0.05)  # of elements 12 times a tooth

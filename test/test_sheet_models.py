@@ -1,14 +1,19 @@
-"""The two models of the sheet against each other and against what physics demands."""
+"""The two models of the sheet against each other and against physics; meshes."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from tomotactile_ros.estimation.uneven import bordered_inverse
 from tomotactile_ros.layouts.layout import Layout, equal_grid
 from tomotactile_ros.layouts.outline import Outline
+from tomotactile_ros.layouts.region import Region
 from tomotactile_ros.sheet import make_sheet
 from tomotactile_ros.sheet.closed_form import ClosedFormSheet
 from tomotactile_ros.sheet.fem import FemSheet
 from tomotactile_ros.sheet.green import green_rectangle, green_rectangle_self
+from tomotactile_ros.sheet.mesh import make_mesh
 from tomotactile_ros.support.errors import InputError
 
 
@@ -45,18 +50,6 @@ def test_closed_form_is_the_image_series(size):
     np.testing.assert_allclose(green_rectangle(points, sources, size), expected, atol=1e-13)
 
 
-def test_closed_form_satisfies_its_equation():
-    """-laplace G = -1/area away from the source, and the mean over the sheet is zero."""
-    size, source, step = (0.2, 0.13), np.array([[0.031, -0.02]]), 1e-4
-    star = np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]]) * step + [-0.05, 0.03]
-    value = green_rectangle(star, source, size)[:, 0]
-    laplacian = (value[1:].sum() - 4 * value[0]) / step**2
-    assert laplacian == pytest.approx(1 / (size[0] * size[1]), rel=1e-4)
-    x, y = ((np.arange(400) + 0.5) / 400 - 0.5 for _ in range(2))
-    grid = np.stack(np.meshgrid(x * size[0], y * size[1]), axis=-1).reshape(-1, 2)
-    assert abs(green_rectangle(grid, source, size, 1e-4).mean()) < 1e-4
-
-
 def test_self_term_is_the_mean_over_a_circle():
     centre, radius, angle = np.array([[0.03, -0.06]]), 0.004, np.linspace(0, 2 * np.pi, 721)[:-1]
     circle = centre + radius * np.column_stack([np.cos(angle), np.sin(angle)])
@@ -90,25 +83,12 @@ def test_fem_converges_with_order_two():
 
     exact = differences(ClosedFormSheet(layout, shunting=False))
     sizes = np.array([0.01, 0.005, 0.0025])
-    errors = [
-        np.sqrt(np.mean((differences(FemSheet(layout, h=h, ring=round(0.32 / h), shunting=False))
-                         - exact) ** 2))
-        for h in sizes
-    ]  # fmt: skip
+    errors = []
+    for h in sizes:
+        found = differences(FemSheet(layout, h=h, ring=round(0.32 / h), shunting=False))
+        errors.append(np.sqrt(np.mean((found - exact) ** 2)))
     rate = np.polyfit(np.log(sizes), np.log(errors), 1)[0]
     assert rate > 1.8, errors
-
-
-@pytest.mark.parametrize("model", ["fem", "closed_form"])
-@pytest.mark.parametrize("shunting", [True, False])
-def test_reciprocity(model, shunting):
-    layout = equal_grid(4, 4, (0.2, 0.2), 0.005, 1e4)
-    sheet = make_sheet(layout, model, shunting=shunting)
-    between = sheet.electrode_electrode
-    assert np.abs(between - between.T).max() < 1e-10 * np.abs(between).max()
-    transfer = sheet.transfer(points_away(layout, 0.01, 30), 0.002)
-    among = transfer.among(np.arange(len(transfer.points)))
-    assert np.abs(among - among.T).max() < 1e-10 * np.abs(among).max()
 
 
 def test_a_point_beside_an_electrode_is_felt_through_it_in_both_models():
@@ -125,50 +105,39 @@ def test_a_point_beside_an_electrode_is_felt_through_it_in_both_models():
     np.testing.assert_allclose(*found, rtol=0.05)
 
 
-def test_a_transfer_restricted_to_some_points_is_the_same_sheet():
+@pytest.mark.parametrize("model", ["fem", "closed_form"])
+def test_a_transfer_restricted_to_some_points_is_the_same_sheet(model):
     layout = equal_grid(4, 4, (0.2, 0.2), 0.005, 1e4)
-    for model in ("fem", "closed_form"):
-        whole = make_sheet(layout, model).transfer(points_away(layout, 0.01, 30), 0.002)
-        some = whole.at([4, 2, 9])
-        np.testing.assert_array_equal(some.points, whole.points[[4, 2, 9]])
-        np.testing.assert_allclose(some.among([0, 2]), whole.among([4, 9]), rtol=1e-9)
-        np.testing.assert_array_equal(some.impedance(3), whole.impedance(3)[:, [4, 2, 9]])
+    whole = make_sheet(layout, model).transfer(points_away(layout, 0.01, 30), 0.002)
+    some = whole.at([4, 2, 9])
+    np.testing.assert_array_equal(some.points, whole.points[[4, 2, 9]])
+    np.testing.assert_allclose(some.among([0, 2]), whole.among([4, 9]), rtol=1e-9)
 
 
-def symmetries(count):
-    """Each symmetry of the square: how it moves points, and how it numbers a grid of electrodes."""
-    grid = np.arange(count**2).reshape(count, count)
-    turned, order = np.eye(2), grid
-    for _ in range(4):
-        turned, order = turned @ [[0, 1], [-1, 0]], np.rot90(order, -1)
-        yield turned, order.ravel()
-        yield turned * [[-1], [1]], order[:, ::-1].ravel()
+SYMMETRIES = [
+    np.linalg.matrix_power([[0, 1], [-1, 0]], turns) @ np.diag([mirrored, 1])
+    for turns in range(4)
+    for mirrored in (1, -1)
+]
 
 
-def test_electrodes_see_the_symmetries_of_the_square():
-    layout = equal_grid(4, 4, (0.2, 0.2), 0.005, 1e4)
-    for model in ("fem", "closed_form"):
-        plain = transfer_impedances(make_sheet(layout, model).electrode_electrode)
-        for _, order in symmetries(4):
-            moved = plain[np.ix_(order, order, order)]
-            np.testing.assert_allclose(moved, plain, atol=1e-9 * plain.max())
-
-
-def test_points_see_the_symmetries_of_the_square():
+@pytest.mark.parametrize("model", ["fem", "closed_form"])
+def test_a_square_sheet_has_the_symmetries_of_the_square(model):
     """At mesh nodes; between them the diagonals of squares, which fall either way, show."""
     layout = equal_grid(4, 4, (0.2, 0.2), 0.005, 1e4)
     nodes = make_sheet(layout, "fem").mesh.points
     distance = np.linalg.norm(nodes[:, None] - layout.positions, axis=2).min(axis=1)
     points = nodes[distance > 0.008][::40]
-    for model in ("closed_form", "fem"):
-        sheet = make_sheet(layout, model)
-        plain = sheet.transfer(points, 0.002).impedance(5)
-        for turned, _ in symmetries(4):
-            moved_electrodes = layout.positions @ turned
-            apart = np.linalg.norm(layout.positions[:, None] - moved_electrodes, axis=2)
-            index = apart.argmin(axis=0)
-            moved = sheet.transfer(points @ turned, 0.002).impedance(index[5])[index]
-            np.testing.assert_allclose(moved, plain, atol=1e-9 * plain.max())
+    sheet = make_sheet(layout, model)
+    between = transfer_impedances(sheet.electrode_electrode)
+    seen = sheet.transfer(points, 0.002).impedance(5)
+    for turned in SYMMETRIES:
+        apart = np.linalg.norm(layout.positions[:, None] - layout.positions @ turned, axis=2)
+        to = apart.argmin(axis=0)
+        top = 1e-9 * between.max()
+        np.testing.assert_allclose(between[np.ix_(to, to, to)], between, atol=top)
+        moved = sheet.transfer(points @ turned, 0.002).impedance(to[5])[to]
+        np.testing.assert_allclose(moved, seen, atol=1e-9 * seen.max())
 
 
 @pytest.mark.parametrize("model", ["fem", "closed_form"])
@@ -205,13 +174,8 @@ def test_a_disc_with_a_hole_against_the_exact_resistance():
     """Between ring electrodes around a hole the resistance of an annulus is ln(b/a) / 2 pi."""
     angle = 2 * np.pi * np.arange(48) / 48
     circle = np.column_stack([np.cos(angle), np.sin(angle)])
-    layout = Layout(
-        "ring",
-        Outline.circle(0.1, holes=[0.03 * circle]),
-        1.0,
-        0.002,
-        np.array([[0.05, 0.0], [0.0, 0.08], [-0.08, 0.0]]),
-    )
+    outline = Outline.circle(0.1, holes=[0.03 * circle])
+    layout = Layout("ring", outline, 1.0, 0.002, [[0.05, 0.0], [0.0, 0.08], [-0.08, 0.0]])
     sheet = FemSheet(layout, h=0.004)
     outer, inner = (r * circle for r in (0.095, 0.035))
     transfer = sheet.transfer(np.concatenate([outer, inner]), 1e-4)
@@ -224,37 +188,110 @@ def test_a_disc_with_a_hole_against_the_exact_resistance():
     assert mean - own == pytest.approx(np.log(95 / 35) / (2 * np.pi), rel=0.02)
 
 
-def test_outlines_that_only_finite_elements_can_do():
+def test_the_cheapest_model_that_can_do_it_is_taken():
     l_shape = [[-0.1, -0.1], [0.1, -0.1], [0.1, 0.0], [0.0, 0.0], [0.0, 0.1], [-0.1, 0.1]]
     positions = np.array([[-0.08, -0.08], [0.08, -0.08], [-0.08, 0.08], [-0.02, -0.02]])
-    layout = Layout("l", Outline.polygon(l_shape), 1e4, 0.003, positions)
-    sheet = make_sheet(layout)
-    assert sheet.model == "fem"
+    bent = Layout("l", Outline.polygon(l_shape), 1e4, 0.003, positions)
+    sheet = make_sheet(bent)
     impedance = transfer_impedances(sheet.electrode_electrode)
     assert impedance[1, 2, 2] > impedance[1, 3, 3] > 0  # round the corner is farther
-    with pytest.raises(InputError, match="rectangle"):
-        make_sheet(layout, "closed_form")
-    with pytest.raises(InputError, match="none of auto, fem, closed_form"):
-        make_sheet(layout, "bem")
-
-
-def test_auto_takes_the_cheapest_model_that_can_do_it():
     layout = equal_grid(2, 2, (0.2, 0.2), 0.005, 1e4)
-    assert make_sheet(layout).model == "closed_form"
     uneven = {"resistance": lambda points: 1e4 * (1 + points[:, 0])}
-    assert make_sheet(layout, **uneven).model == "fem"
-    with pytest.raises(InputError, match="uniform"):
-        make_sheet(layout, "closed_form", **uneven)
+    taken = [each.model for each in (sheet, make_sheet(layout), make_sheet(layout, **uneven))]
+    assert taken == ["fem", "closed_form", "fem"]
+    for what, model, options, complaint in (
+        (bent, "closed_form", {}, "rectangle"),
+        (layout, "closed_form", uneven, "uniform"),
+        (layout, "bem", {}, "none of auto, fem, closed_form"),
+    ):
+        with pytest.raises(InputError, match=complaint):
+            make_sheet(what, model, **options)
 
 
 def test_a_sheet_of_two_halves():
     """Halves of 1 and 3 ohm/sq in series along a strip: potential drops as 1 : 3."""
-    layout = Layout(
-        "strip", Outline.rectangle(0.4, 0.02), 2.0, 0.001, np.array([[-0.19, 0.0], [0.19, 0.0]])
-    )
+    strip = Outline.rectangle(0.4, 0.02)
+    layout = Layout("strip", strip, 2.0, 0.001, [[-0.19, 0.0], [0.19, 0.0]])
     sheet = FemSheet(layout, h=0.0025, resistance=lambda p: np.where(p[:, 0] < 0, 1.0, 3.0))
     where = np.array([[-0.15, 0.0], [-0.05, 0.0], [0.05, 0.0], [0.15, 0.0]])
     potential = np.diff(sheet.transfer(where, 1e-3).electrode_point, axis=0)[0]
     drop = np.diff(potential)
     assert drop[0] == pytest.approx(0.1 / 0.02, rel=1e-3)
     assert drop[2] / drop[0] == pytest.approx(3.0, rel=1e-3)
+
+
+ANGLE = 2 * np.pi * np.arange(24) / 24
+CIRCLE = np.column_stack([np.cos(ANGLE), np.sin(ANGLE)])
+SLIT = [[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1], [0.002, 0.1], [0.002, -0.05], [-0.002, -0.05]]
+SLIT += [[-0.002, 0.1], [-0.1, 0.1]]
+OUTLINES = {
+    "rectangle": Outline.rectangle(0.2, 0.05),
+    "circle": Outline.circle(0.1),
+    "holes": Outline.rectangle(0.2, 0.2, holes=[0.02 * CIRCLE + 0.03, 0.01 * CIRCLE - 0.04]),
+    "slit": Outline.polygon(SLIT),
+    # a walk to points beyond it went round and round
+    "slanted": Outline.polygon([[-0.1, -0.08], [0.1, -0.08], [0.06, 0.08], [-0.1, 0.08]]),
+}
+
+
+def mesh_of(kind, h=0.005):
+    positions = np.array([[-0.08, 0.01], [0.08, -0.01], [0.06, 0.0]])
+    if kind == "slanted":
+        positions = np.stack(np.meshgrid(*2 * [np.linspace(-0.054, 0.054, 5)]), -1).reshape(-1, 2)
+    return make_mesh(Layout(kind, OUTLINES[kind], 1e4, 0.0025, positions), h)
+
+
+@pytest.mark.parametrize("kind", OUTLINES)
+def test_triangles_are_counter_clockwise_and_fill_the_outline(kind):
+    mesh = mesh_of(kind)
+    a, b, c = (mesh.points[mesh.triangles[:, i]] for i in range(3))
+    areas = np.linalg.det(np.stack([b - a, c - a], axis=1)) / 2
+    assert areas.min() > 0
+    assert areas.sum() == pytest.approx(OUTLINES[kind].area, rel=1e-3)
+    assert np.array_equal(np.unique(mesh.triangles), np.arange(len(mesh.points)))
+
+
+@pytest.mark.parametrize("kind", OUTLINES)
+def test_points_are_found_in_their_triangle(kind):
+    """Whatever lies between: a hole, a slit narrower than an element. Others need an answer only."""
+    mesh, outline = mesh_of(kind), OUTLINES[kind]
+    points = np.random.default_rng(1).uniform(-0.12, 0.12, (3000, 2))
+    points = np.concatenate([points, mesh.points])
+    inside = outline.contains(points) & (outline.rim_distance(points) > 1e-3)
+    inside[3000:] = True
+    element, weights = mesh.locate(points)
+    assert weights.min() > -1e-8
+    found = np.einsum("qc,qcx->qx", weights, mesh.points[mesh.triangles[element]])
+    np.testing.assert_allclose(found[inside], points[inside], atol=1e-9)
+
+
+def test_points_beside_the_mesh_take_a_corner_of_the_nearest_triangle():
+    mesh = mesh_of("holes")
+    points = np.array([[0.11, 0.02], [0.0, -0.3], [0.03, 0.03], [-0.04, -0.041]])
+    element, weights = mesh.locate(points)
+    assert np.array_equal(np.sort(weights, axis=1), np.tile([0.0, 0.0, 1.0], (4, 1)))
+    corner = mesh.points[mesh.triangles[element, weights.argmax(axis=1)]]
+    apart = np.linalg.norm(mesh.points[:, None] - points, axis=2).min(axis=0)
+    assert (np.linalg.norm(corner - points, axis=1) < apart + 0.005).all()
+
+
+@pytest.mark.parametrize("from_rim", [False, True])
+def test_no_triangle_lies_across_a_slit(from_rim):
+    """Of a sheet that is cut at y = 27 mm, half a millimetre wide, 90 mm long or from the rim."""
+    low, high = -0.1 if from_rim else -0.045, 0.045
+    slit = [(low, 0.02675), (high, 0.02675), (high, 0.02725), (low, 0.02725)]
+    notched = [(-0.1, -0.1), (0.1, -0.1), (0.1, 0.1), (-0.1, 0.1), *slit[::-1]]
+    cut = Outline.polygon(notched) if from_rim else Outline.rectangle(0.2, 0.2, holes=[slit])
+    whole = equal_grid(8, 8, (0.2, 0.2), 0.0025, 1e4)
+    torn = replace(whole, outline=cut)
+    mesh = make_mesh(torn, 0.005)
+    inside = Region(slit)
+    for first, second in ((0, 1), (1, 2), (2, 0)):
+        middles = mesh.points[mesh.triangles[:, [first, second]]].mean(axis=1)
+        assert not (inside.contains(middles) & (inside.rim_distance(middles) > 1e-6)).any()
+    torn, whole = (
+        -bordered_inverse(FemSheet(each).electrode_electrode, np.arange(64))
+        for each in (torn, whole)
+    )
+    across = 36, 44  # electrodes on either side of the middle of the slit
+    assert 0 < torn[across] < 0.1 * whole[across]

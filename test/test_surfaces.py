@@ -1,12 +1,16 @@
-"""Bent sheets: where points lie in space, and that bending keeps lengths."""
+"""Bent sheets: where points lie in space; contacts there, by sampled clouds and moments by hand."""
 
 import bz2
 import struct
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from tomotactile_ros.layouts.layout import equal_grid, load_layout
+from tomotactile_ros.reconstruction import ContactEstimate
+from tomotactile_ros.spatial import Pose, in_space, wrench_of
 from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.surfaces import Cylinder, Flat, Mesh, PointGrid
 
@@ -26,28 +30,16 @@ SURFACES = [Flat(), Cylinder(RADIUS), grid_of(Cylinder(RADIUS))]
 
 
 @pytest.mark.parametrize("surface", SURFACES, ids=lambda s: s.kind)
-def test_jacobians_are_the_derivatives_of_positions(surface):
-    step = 1e-6
+def test_derivatives_frames_and_nearest_points_are_those_of_positions(surface):
+    step, jacobians, frames = 1e-6, surface.jacobians(POINTS), surface.frames(POINTS)
     for axis in (0, 1):
         shift = step * np.eye(2)[axis]
         change = surface.to_3d(POINTS + shift) - surface.to_3d(POINTS - shift)
-        found = surface.jacobians(POINTS)[:, :, axis]
-        np.testing.assert_allclose(found, change / (2 * step), atol=1e-6)
-
-
-@pytest.mark.parametrize("surface", SURFACES, ids=lambda s: s.kind)
-def test_frames_are_rotations_with_the_normal_out_of_the_sheet(surface):
-    frames = surface.frames(POINTS)
-    np.testing.assert_allclose(
-        frames @ np.swapaxes(frames, 1, 2), np.tile(np.eye(3), (40, 1, 1)), atol=1e-12
-    )
+        np.testing.assert_allclose(jacobians[:, :, axis], change / (2 * step), atol=1e-6)
+    turned = frames @ np.swapaxes(frames, 1, 2)
+    np.testing.assert_allclose(turned, np.tile(np.eye(3), (40, 1, 1)), atol=1e-12)
     np.testing.assert_allclose(np.linalg.det(frames), 1.0)
-    middle = surface.frames(np.zeros((1, 2)))[0]
-    np.testing.assert_allclose(middle, np.eye(3), atol=1e-6)
-
-
-@pytest.mark.parametrize("surface", SURFACES, ids=lambda s: s.kind)
-def test_the_nearest_point_of_a_place_above_the_sheet_is_the_one_below_it(surface):
+    np.testing.assert_allclose(surface.frames(np.zeros((1, 2)))[0], np.eye(3), atol=1e-6)
     above = surface.to_3d(POINTS) + 0.004 * surface.normals(POINTS)
     np.testing.assert_allclose(surface.nearest(above, SIZE), POINTS, atol=1e-9)
     assert np.isnan(surface.nearest([[np.nan, 0.0, 0.0]], SIZE)).any()
@@ -78,15 +70,11 @@ def tube(radius: float, turns: int = 720) -> str:
     angles = 2 * np.pi * np.arange(turns) / turns
     ring = np.column_stack([radius * np.cos(angles), radius * np.sin(angles)])
     vertices = [(*p, z) for z in (-1.0, -0.03, 0.02, 1.0) for p in ring]
-    faces = []
-    for level in range(3):
-        for k in range(turns):
-            a, b = level * turns + k, level * turns + (k + 1) % turns
-            faces += [(a, b, b + turns), (a, b + turns, a + turns)]
-    lines = ["OFF", f"{len(vertices)} {len(faces)} 0"]
-    lines += [" ".join(map(str, v)) for v in vertices]
-    lines += [" ".join(map(str, (3, *f))) for f in faces]
-    return "\n".join(lines)
+    a = np.arange(3 * turns)
+    b = a + 1 - turns * (a % turns == turns - 1)
+    faces = [*zip(a, b, b + turns), *zip(a, b + turns, a + turns)]
+    rows = [(len(vertices), len(faces), 0), *vertices, *((3, *face) for face in faces)]
+    return "OFF\n" + "\n".join(" ".join(map(str, row)) for row in rows)
 
 
 def on_tube(tmp_path, size=SIZE, **changes):
@@ -154,12 +142,58 @@ def test_layouts_with_any_surface_survive_their_file(tmp_path):
     (tmp_path / "there").mkdir()
     mesh = on_tube(tmp_path, flat.outline.size)
     grid = grid_of(Cylinder(RADIUS), 3, 9, flat.outline.size)
-    for surface in (Flat(), Cylinder(RADIUS), grid, mesh):
-        from dataclasses import replace
-
+    for surface in (grid, mesh):
         file = tmp_path / "there" / f"{surface.kind}.yaml"
         replace(flat, surface=surface).save(file)
         again = load_layout(file).surface
         assert again.kind == surface.kind
         points = flat.positions
         np.testing.assert_allclose(again.to_3d(points), surface.to_3d(points), atol=1e-12)
+
+
+COVARIANCE = (4e-8, 1e-8, 1e-8, 9e-8)
+
+
+def contact(x=0.03, y=-0.02, force=2.0, velocity=(0.2, -0.1)):
+    return ContactEstimate(x, y, force, 2e4, 1e-4, 0.006, COVARIANCE, velocity=velocity)
+
+
+def test_a_velocity_is_that_of_the_position_on_the_surface():
+    surface, step = Cylinder(0.05), 1e-5
+    (velocity,) = in_space(surface, [contact()]).velocities
+    later, before = (
+        in_space(surface, [contact(0.03 + t * 0.2, -0.02 - t * 0.1)]).positions[0]
+        for t in (step, -step)
+    )
+    np.testing.assert_allclose(velocity, (later - before) / (2 * step), atol=1e-6)
+
+
+def test_a_covariance_in_space_is_that_of_many_contacts():
+    surface, rng = Cylinder(0.05), np.random.default_rng(8)
+    places = rng.multivariate_normal((0.03, -0.02), np.reshape(COVARIANCE, (2, 2)), 4000)
+    sampled = np.cov(surface.to_3d(places).T)
+    placed = in_space(surface, [contact()])
+    along = placed.frames[0][:, :2]
+    found = along @ placed.covariances[0] @ along.T
+    np.testing.assert_allclose(found, sampled, atol=0.1 * max(COVARIANCE))
+
+
+def test_opposite_contacts_around_a_cylinder_cancel_their_force_not_their_torque():
+    radius = 0.05
+    sides = [contact(x=s * radius * np.pi / 2, y=s * 0.03) for s in (-1, 1)]
+    force, torque = in_space(Cylinder(radius), sides).wrench()
+    np.testing.assert_allclose(force, 0, atol=1e-12)
+    np.testing.assert_allclose(torque, [0, 0, 2 * 2.0 * 0.03], atol=1e-12)
+
+
+def test_moved_contacts_have_the_moved_wrench():
+    """f' = R f, t' = R t + p x f' (Featherstone, Rigid Body Dynamics Algorithms, 2008, eq. 2.27)."""
+    pose = Pose(np.array([0.3, -0.2, 0.5]), Rotation.from_euler("xyz", [0.3, -1.0, 2.0]))
+    placed = in_space(Cylinder(0.05), [contact(), contact(-0.04, 0.05, 3.0)])
+    force, torque = placed.wrench()
+    normals = pose.directions(placed.frames[:, :, 2])
+    moved = wrench_of(pose.positions(placed.positions), normals, placed.forces)
+    rotated = pose.rotation.apply(force)
+    np.testing.assert_allclose(moved[0], rotated)
+    expected = pose.rotation.apply(torque) + np.cross(pose.translation, rotated)
+    np.testing.assert_allclose(moved[1], expected)

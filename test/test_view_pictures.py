@@ -27,14 +27,22 @@ from tomotactile_ros.view.trails import Trails
 
 LAYOUT = load_layout("equal-4x4")
 GRID = Grid.for_outline(LAYOUT.outline, 40)
-UPPER_RIGHT = SimpleNamespace(
-    x=0.05, y=0.07, force=2.0, pressure=2e4, area=1e-4, radius=0.01, id=0, force_std=0.1
-)
+UPPER_RIGHT = ContactEstimate(0.05, 0.07, 2.0, 2e4, 1e-4, 0.01, force_std=0.1)
+IN_THE_MIDDLE = replace(UPPER_RIGHT, x=0.0, y=0.0)
+
+
+def true(x, y=0.07, force=1.0, pressure=1e4):
+    return {"x": x, "y": y, "force": force, "pressure": pressure}
 
 
 def pressed(contact) -> np.ndarray:
     near = np.linalg.norm(GRID.pixels - (contact.x, contact.y), axis=1) < contact.radius
     return GRID.fill(np.where(near, 1e4, 0.0))
+
+
+PRESSED = pressed(UPPER_RIGHT)
+RESULT = Result(PRESSED, PRESSED, [UPPER_RIGHT], (), False, 0.0)
+BARE = ContactEstimate(0.01, 0.02, 2.3651, 2.5e4, 7.9e-5, 0.005, (1e-8, 0, 0, 4e-8), math.inf)
 
 
 def test_colours_run_from_nothing_to_full_scale():
@@ -59,7 +67,7 @@ def test_a_contact_is_drawn_in_the_upper_right_and_electrodes_at_their_places():
 
 
 def test_the_terminal_shows_a_contact_in_the_upper_right():
-    lines = picture(pressed(UPPER_RIGHT), LAYOUT.outline.bounds, 1e4, 100, 40)
+    lines = picture(PRESSED, LAYOUT.outline.bounds, 1e4, 100, 40)
     assert len(lines) == 21
     brightest = "{};{};{}".format(*palette()[255])
     cells = [re.findall(r"38;2;([\d;]+?);48;2", line)[:40] for line in lines[:-1]]
@@ -83,9 +91,9 @@ def test_the_picture_fits_the_terminal(shape, columns, lines):
 def test_the_figure_is_written_with_holes_contacts_and_truth(tmp_path):
     from PIL import Image
 
-    image = pressed(UPPER_RIGHT)
+    image = PRESSED.copy()
     image[0, 0] = np.nan
-    truth = [{"x": 0.05, "y": 0.07, "force": None, "pressure": None}]
+    truth = [true(0.05, force=None, pressure=None)]
     save_pressure(tmp_path / "new/p.png", image, LAYOUT, [UPPER_RIGHT], truth, "title")
     with Image.open(tmp_path / "new/p.png") as figure:
         pixels = np.asarray(figure.convert("RGB")).astype(int)
@@ -96,31 +104,27 @@ def test_the_figure_is_written_with_holes_contacts_and_truth(tmp_path):
 
 
 def test_contacts_are_paired_with_the_nearest_truth():
-    here, there = (SimpleNamespace(**{**vars(UPPER_RIGHT), "x": x}) for x in (0.0, 0.08))
-    truth = [{"x": x, "y": 0.07, "force": 1.0, "pressure": 1e4} for x in (0.09, 0.01)]
+    here, there = (replace(UPPER_RIGHT, x=x) for x in (0.0, 0.08))
+    truth = [true(0.09), true(0.01)]
     assert pair([here, there], truth) == [1, 0]
     assert pair([here, there], truth[:1]) == [None, 0]
     lines = contact_lines([here, there], truth[:1])
     assert "nothing is there" in lines[0]
     assert lines[1].endswith("  off by 10.0 mm, true 1.00 N 10.0 kPa")
-    assert (
-        contact_lines([here], truth)[-1] == "not found: ( +90.0,  +70.0) mm, true 1.00 N 10.0 kPa"
-    )
-    bare = [{"x": 0.0, "y": 0.07, "force": None, "pressure": None}]
+    missed = "not found: ( +90.0,  +70.0) mm, true 1.00 N 10.0 kPa"
+    assert contact_lines([here], truth)[-1] == missed
+    bare = [true(0.0, force=None, pressure=None)]
     assert contact_lines([here], bare)[0].endswith("  off by  0.0 mm")
     assert contact_lines([], None) == contact_lines([], []) == ["no contact"]
 
 
 def test_the_force_of_a_bare_conductor_is_called_a_bound_wherever_it_stands(tmp_path, capsys):
-    bare = ContactEstimate(
-        0.01, 0.02, 2.3651, 2.5e4, 7.9e-5, 0.005, (1e-8, 0.0, 0.0, 4e-8), math.inf
-    )
-    assert "at least 2.37 N" in repr(bare)
-    assert "  at least  2.37 N" in contact_lines([bare])[0]
-    assert ">at least 2.37<" in table_of([bare], None, True)
-    sure, image = replace(bare, force_std=0.1), replace(bare, position_covariance=(math.nan,) * 4)
+    assert "at least 2.37 N" in repr(BARE)
+    assert "  at least  2.37 N" in contact_lines([BARE])[0]
+    assert ">at least 2.37<" in table_of([BARE], None, True)
+    sure, image = replace(BARE, force_std=0.1), replace(BARE, position_covariance=(math.nan,) * 4)
     for contact, told in (
-        (bare, "at least 2.37 N\n"),
+        (BARE, "at least 2.37 N\n"),
         (sure, ", 2.37 N ± 0.1 N\n"),
         (image, ", 2.37 N\n"),
     ):
@@ -131,93 +135,79 @@ def test_the_force_of_a_bare_conductor_is_called_a_bound_wherever_it_stands(tmp_
 
 
 def test_what_stands_for_all_of_a_frame_that_was_cut_has_no_number_and_is_off_by_nothing():
-    truth = [{"x": x, "y": 0.07, "force": 1.0, "pressure": 1e4} for x in (0.09, 0.01)]
+    truth = [true(0.09), true(0.01)]
     (line,) = contact_lines([UPPER_RIGHT], truth, complete=False)
     assert line == "something presses about ( +50.0,  +70.0) mm  about  2.00 N"
     assert line in table_of([UPPER_RIGHT], truth, True, complete=False)
     assert numbers_of([UPPER_RIGHT], complete=False) == [0]
     assert numbers_of([UPPER_RIGHT] * 2, complete=False) == [1, 2]  # each of them was found
-    followed = SimpleNamespace(**{**vars(UPPER_RIGHT), "id": 7})
+    followed = replace(UPPER_RIGHT, id=7)
     assert contact_lines([followed], truth, complete=False)[0].startswith("contact 7: ")
-    image = pressed(UPPER_RIGHT)
-    cut = Result(
-        image, image, [ContactEstimate(**vars(UPPER_RIGHT))], (), False, 0.0, complete=False
-    )
-    assert "something presses" in plot(cut, LAYOUT).get_supxlabel()
-    overlay, nothing = Overlay(GRID, 4, LAYOUT.positions, LAYOUT.radius), np.zeros((40, 40, 3))
+    assert "something presses" in plot(replace(RESULT, complete=False), LAYOUT).get_supxlabel()
+    overlay = Overlay(GRID, 4, LAYOUT.positions, LAYOUT.radius)
+    nothing = np.zeros((40, 40, 3), np.uint8)
     whole, broken = (
-        (overlay.draw(nothing.astype(np.uint8), [UPPER_RIGHT], False, c) > 0).sum()
-        for c in (True, False)
+        (overlay.draw(nothing, [UPPER_RIGHT], False, c) > 0).sum() for c in (True, False)
     )
     assert 0.3 < broken / whole < 0.7
 
 
 def test_without_a_contact_law_no_force_is_invented(capsys, tmp_path):
-    contact = SimpleNamespace(**{**vars(UPPER_RIGHT), "x": 0.0, "y": 0.0})
-    display = Display(LAYOUT, load_scene("experiment-centre"))
-    display.show(Shot(pressed(contact), [contact], scene_time=1.0, rate=15.0, age=0.01))
+    display, image = Display(LAYOUT, load_scene("experiment-centre")), pressed(IN_THE_MIDDLE)
+    display.show(Shot(image, [IN_THE_MIDDLE], scene_time=1.0, rate=15.0, age=0.01))
     display.save(str(tmp_path / "bare.svg"))
-    assert (
-        capsys.readouterr()
-        .out.splitlines()[0]
-        .endswith("contact 1: (  +0.0,   +0.0) mm  off by  0.0 mm")
-    )
-    lines = picture(pressed(contact), LAYOUT.outline.bounds, 0.5, 80, 20, calibrated=False)
+    line = capsys.readouterr().out.splitlines()[0]
+    assert line.endswith("contact 1: (  +0.0,   +0.0) mm  off by  0.0 mm")
+    lines = picture(image, LAYOUT.outline.bounds, 0.5, 80, 20, calibrated=False)
     assert lines[0].endswith("0.5 S/m²") and not any("Pa" in line for line in lines)
 
 
 def test_a_plot_of_a_result_without_a_contact_law_shows_its_conductance():
-    image, known = pressed(UPPER_RIGHT), ContactEstimate(**vars(UPPER_RIGHT))
-    result = Result(image, image, [known], (), False, 0.0)
-    figure = plot(result.without_law(DEFAULT_LAW), LAYOUT)
-    assert "no contact law" in figure.get_supxlabel() and " N" not in figure.get_supxlabel()
-    shown = figure.axes[0].images[0].get_array()
-    np.testing.assert_allclose(np.nanmax(shown), 1e-4 * np.nanmax(image))
-    assert figure.axes[0].child_axes[0].get_ylabel() == "conductance / (S/m²)"
-    at = np.unravel_index(np.nanargmax(shown), shown.shape)
-    assert at == np.unravel_index(np.nanargmax(result.pressure), shown.shape)
+    axes = plot(RESULT.without_law(DEFAULT_LAW), LAYOUT).axes[0]
+    shown = axes.images[0].get_array()
+    np.testing.assert_allclose(np.nanmax(shown), 1e-4 * np.nanmax(PRESSED))
+    assert axes.child_axes[0].get_ylabel() == "conductance / (S/m²)"
+    assert np.nanargmax(shown) == np.nanargmax(PRESSED)
+
+
+@pytest.mark.parametrize(
+    "result, truth, newtons",
+    [
+        (RESULT.without_law(DEFAULT_LAW), None, False),
+        (RESULT, [true(0.05, force=None, pressure=2e4)], False),  # beside bare conductors
+        (RESULT, [true(0.05, force=2.0, pressure=2e4)], True),
+    ],
+)
+def test_a_plot_has_newtons_only_where_there_is_a_contact_law(result, truth, newtons):
+    below = plot(result, LAYOUT, truth).get_supxlabel()
+    assert (" N" in below) == newtons and ("no contact law" in below) != newtons
 
 
 def test_a_withheld_result_says_why_and_not_that_there_is_no_contact():
     reason = "voltages: the readings fit wide only if its electrodes are numbered column by column"
-    nothing = np.full_like(pressed(UPPER_RIGHT), np.nan)
+    nothing = np.full_like(PRESSED, np.nan)
     figure = plot(Result(nothing, nothing, [], (), False, 0.0, "withheld", reason), LAYOUT)
     assert reason in " ".join(figure.get_suptitle().split())
     assert max(map(len, figure.get_suptitle().splitlines())) < 70
     assert figure.get_supxlabel() == "contacts are not known"
 
 
-@pytest.mark.parametrize("force", [None, 2.0])
-def test_a_plot_beside_bare_conductors_has_no_newtons(force):
-    image = pressed(UPPER_RIGHT)
-    result = Result(image, image, [ContactEstimate(**vars(UPPER_RIGHT))], (), False, 0.0)
-    truth = [{"x": 0.05, "y": 0.07, "force": force, "pressure": 2e4}]
-    figure = plot(result, LAYOUT, truth)
-    below = figure.get_supxlabel()
-    assert (" N" in below) == (force is not None)
-    assert ("no contact law" in below) == (force is None)
-
-
 def test_a_trail_is_where_a_contact_was_within_a_second_and_outlasts_it():
     trails = Trails()
-    contact, unnamed = SimpleNamespace(id=3), SimpleNamespace(id=0)
+    contact, unnamed, nowhere = SimpleNamespace(id=3), SimpleNamespace(id=0), np.empty((0, 2))
     for k in range(21):
         trails.add([contact, unnamed], np.array([[0.01 * k, 0.0], [0.0, 0.0]]), 5.0 + 0.1 * k)
     ((number, places),) = trails.items()
     assert number == 3
     np.testing.assert_allclose(places[:, 0], 0.01 * np.arange(10, 21), atol=1e-12)
-    trails.add([], np.empty((0, 2)), 7.85)
+    trails.add([], nowhere, 7.85)
     np.testing.assert_allclose(trails.items()[0][1][:, 0], [0.19, 0.2])
-    trails.add([], np.empty((0, 2)), 8.05)
+    trails.add([], nowhere, 8.05)
     assert trails.items() == []
-
-
-def test_the_trail_of_a_contact_that_rests_stays_short_and_a_clock_set_back_ends_it():
-    trails = Trails()
-    for k in range(1000):
-        trails.add([SimpleNamespace(id=1)], np.array([[0.01, 1e-5 * (k % 7)]]), 1e-3 * k)
+    for k in range(1000):  # that of a contact at rest stays short, and a clock set back ends it
+        trails.add([contact], np.array([[0.01, 1e-5 * (k % 7)]]), 9.0 + 1e-3 * k)
     assert len(trails.items()[0][1]) < 4
-    trails.add([SimpleNamespace(id=1)], np.array([[0.05, 0.0]]), 0.2)
+    trails.add([contact], np.array([[0.05, 0.0]]), 9.2)
     np.testing.assert_array_equal(trails.items()[0][1], [[0.05, 0.0]])
 
 
@@ -230,23 +220,18 @@ def test_the_scale_of_a_live_picture_is_steady():
     assert [scale(1.2e3, t) for t in (5.0, 6.5, 12.0)] == [5e3, 5e3, 2e3]  # and falls later
 
 
-def test_contacts_are_shown_without_an_image_and_never_over_an_old_one(
-    monkeypatch, capsys, tmp_path
-):
+def test_contacts_are_shown_without_an_image_and_never_over_an_old_one(monkeypatch, capsys):
     """One of ten seconds ago stood beside what had moved on, as if something pressed there."""
     saved = []
     monkeypatch.setattr(
         display_module, "save_pressure", lambda path, image, *_, **__: saved.append(image)
     )
-    display, old = Display(LAYOUT, load_scene("idle")), pressed(UPPER_RIGHT)
-    for image, age in ((None, 0.0), (old, 0.3), (old, 9.0)):
-        shot = Shot(
-            image, [UPPER_RIGHT], 1.0, rate=0.1, age=0.01, image_age=age, late="3 of 100 rows"
-        )
-        display.show(shot)
+    display, shot = Display(LAYOUT, load_scene("idle")), Shot(None, [UPPER_RIGHT], 1.0, 0.1, 0.01)
+    for image, age in ((None, 0.0), (PRESSED, 0.3), (PRESSED, 9.0)):
+        display.show(replace(shot, pressure=image, image_age=age, late="3 of 100 rows"))
         display.save("p.png")
-    empty, recent, none = saved
-    assert np.nanmax(empty) == np.nanmax(none) == 0.0 and np.nanmax(recent) == np.nanmax(old)
+    empty, recent, none = map(np.nanmax, saved)
+    assert empty == none == 0.0 and recent == 1e4
     lines = [line for line in capsys.readouterr().out.splitlines() if "written" not in line]
     assert len(lines) == 1  # now and then, not with every shot
     assert "contact 1:" in lines[0] and lines[0].endswith("; late 3 of 100 rows")
@@ -267,9 +252,6 @@ def test_lines_name_electrodes_that_are_left_out_and_break_no_sentence(capsys, r
 
 
 class Terminal(io.TextIOWrapper):
-    def __init__(self, encoding="utf-8"):
-        super().__init__(io.BytesIO(), encoding=encoding)
-
     def isatty(self):
         return True
 
@@ -286,11 +268,10 @@ class Terminal(io.TextIOWrapper):
 def test_pictures_are_shown_where_they_are_wanted_and_possible(
     monkeypatch, environment, encoding, pictures
 ):
-    for key in ("TERM", "NO_COLOR"):
-        monkeypatch.delenv(key, raising=False)
+    monkeypatch.delenv("NO_COLOR", raising=False)
     for key, value in environment.items():
         monkeypatch.setenv(key, value)
-    terminal = Terminal(encoding)
+    terminal = Terminal(io.BytesIO(), encoding=encoding)
     monkeypatch.setattr("sys.stdout", terminal)
     display = Display(LAYOUT, load_scene("default"))
     display.show(Shot(np.zeros((8, 8)), [], scene_time=1.0, rate=15.0, age=0.01))

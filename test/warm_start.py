@@ -131,14 +131,8 @@ def _become(files, words, environment, folder, session) -> list[str]:
     numpy.random.seed()
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         old = getattr(sys, name)
-        new = open(  # noqa: SIM115 - it is the process's own
-            number,
-            "w" if number else "r",
-            1 if number == 2 else -1,
-            old.encoding,
-            old.errors,
-            closefd=False,
-        )
+        how = "w" if number else "r", 1 if number == 2 else -1, old.encoding, old.errors
+        new = open(number, *how, closefd=False)  # noqa: SIM115 - it is the process's own
         setattr(sys, name, new)
         setattr(sys, f"__{name}__", new)
     return words
