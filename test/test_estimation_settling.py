@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from contacts_support import DRIVE, LAW, NOISE, disc, off, sensor
 
 from tomotactile_ros.cli import main
 from tomotactile_ros.estimation.channels import ChannelPrior
@@ -13,34 +14,29 @@ from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.one_state import reciprocity
 from tomotactile_ros.estimation.operator import operator_for
 from tomotactile_ros.estimation.prior import Prior
-from tomotactile_ros.estimation.row_estimator import RowsState
 from tomotactile_ros.estimation.settling import EXPECTED, Settling, rows_before, unsettled
 from tomotactile_ros.evaluation.scoring import score
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.scenes.channels import Channels, Rms
-from tomotactile_ros.scenes.contact import Contact, ContactLaw
-from tomotactile_ros.scenes.defects import Adc, Defects, Noise
-from tomotactile_ros.scenes.scene import Scene
-from tomotactile_ros.simulation import Simulator
+from tomotactile_ros.scenes.defects import Adc, Defects
 
-DRIVE, NOISE, LAW = 3.3, 1e-3, ContactLaw(1e-4, 1.0)
-SLOW = Channels(settling=0.005)
-ONE = Contact("disc", center=(0.02, 0.013), radius=0.006, pressure=2e4)
-TWO = (ONE, Contact("disc", center=(-0.03, -0.04), radius=0.007, pressure=3e4))
+WHERE = (0.02, 0.013)
+ONE = disc(*WHERE, pressure=2e4)
+TWO = (ONE, disc(-0.03, -0.04, 0.007, pressure=3e4))
+GROUNDED = np.arange(64)
 
 
-def simulator(name, channels=SLOW, contacts=TWO, order=None, period=0.0, drive=DRIVE):
-    scene = Scene(
-        "test",
-        drive,
-        contacts,
-        noise=Noise(rms=NOISE),
-        adc=Adc(12, drive),
-        contact_law=LAW,
-        defects=Defects(channels=channels),
-    )
-    return Simulator(load_layout(name), scene, row_period=period, order=order)
+def simulator(name, settling=None, contacts=TWO, period=0.0, swapped=(), **how):
+    """Of a sensor that keeps so much of the row before, or with such `Channels`."""
+    channels = settling if isinstance(settling, Channels) else Channels(settling=settling)
+    defects = Defects(channels=channels, swapped=swapped)
+    how = {"seed": 0, "row_period": period, **how}
+    return sensor(load_layout(name), *contacts, defects=defects, **how)
+
+
+def pipeline_of(profile="accurate"):
+    return Pipeline(load_layout("equal-8x8"), Settings(profile, noise=NOISE, contact_law=LAW))
 
 
 @cache
@@ -48,10 +44,10 @@ def operator_of(name):
     return operator_for(load_layout(name))
 
 
-def told_by(name, channels, *, contacts=TWO, order=None, period=0.0, known=None):
+def told_by(name, settling, contacts=TWO, period=0.0, known=None):
     """What the first frame says of settling."""
-    sensor = simulator(name, channels, contacts, order, period)
-    volts, scan = sensor.frame(0.0), np.asarray(sensor.grounded)
+    made = simulator(name, settling, contacts, period)
+    volts, scan = made.frame(0.0), np.asarray(made.grounded)
     if known is not None:
         volts = known.taken_off(volts, scan)
     prior = Prior.unknown(operator_of(name), ChannelPrior(), 0.005, DRIVE)
@@ -66,8 +62,8 @@ def told_by(name, channels, *, contacts=TWO, order=None, period=0.0, known=None)
 def test_what_is_kept_is_taken_off(order):
     part = np.linspace(0.0, 0.04, 16)
     settling = Settling(part, np.zeros((16, 16)))
-    sensor = simulator("equal-4x4", Channels(), order=order)
-    true, scan = sensor.ideal_frame(0.0), np.asarray(sensor.grounded)
+    made = simulator("equal-4x4", order=order)
+    true, scan = made.ideal_frame(0.0), np.asarray(made.grounded)
     own = np.arange(len(scan)), scan
     potentials = true.copy()
     potentials[own] = 0.0
@@ -94,12 +90,10 @@ def test_a_reading_after_one_that_is_missing_is_not_used():
     "name, settling", [("equal-8x8", 0.005), ("equal-4x4", 0.02), ("ring-16", 0.005)]
 )
 def test_any_touch_tells_it_whatever_gains_are(name, settling):
-    channels = Channels(gain=Rms(0.02, 1), offset=Rms(0.002, 1), settling=settling)
-    found = told_by(name, channels)
-    spread = np.sqrt(found.covariance.diagonal())
-    off = found.part - settling
-    assert abs(off.mean()) < 4 * np.sqrt(found.covariance.mean())
-    assert np.sqrt(np.mean((off / spread) ** 2)) < 1.7
+    found = told_by(name, Channels(gain=Rms(0.02, 1), offset=Rms(0.002, 1), settling=settling))
+    spread, apart = np.sqrt(found.covariance.diagonal()), found.part - settling
+    assert abs(apart.mean()) < 4 * np.sqrt(found.covariance.mean())
+    assert np.sqrt(np.mean((apart / spread) ** 2)) < 1.7
     assert spread.max() < EXPECTED / 2  # more than was known before
 
 
@@ -109,48 +103,45 @@ def test_channels_are_told_one_by_one():
     assert np.corrcoef(found.part, part)[0, 1] > 0.9
 
 
+WORN = Channels(gain=Rms(0.05, 1), offset=Rms(0.005, 1))
+
+
+def slide(speed):
+    return disc(-0.05, 0.02, pressure=2e4, velocity=(speed, speed / 3))
+
+
 @pytest.mark.parametrize(
-    "name, channels",
-    [("equal-4x4", Channels()), ("equal-8x8", Channels(gain=Rms(0.05, 1), offset=Rms(0.005, 1)))],
+    "name, channels, contacts, period",
+    [
+        ("equal-4x4", Channels(), TWO, 0.0),
+        ("equal-4x4", Channels(), (), 0.0),
+        ("equal-8x8", WORN, TWO, 0.0),
+        ("equal-8x8", WORN, (), 0.0),
+        ("equal-4x4", Channels(), (slide(0.02),), 1e-3),
+        ("equal-8x8", Channels(), (slide(0.4),), 1e-3),
+    ],
 )
-def test_readings_that_have_settled_tell_of_none(name, channels):
-    assert told_by(name, channels) is None
-    assert told_by(name, channels, contacts=()) is None
-
-
-@pytest.mark.parametrize("name, speed", [("equal-4x4", 0.02), ("equal-8x8", 0.4)])
-def test_what_moves_is_not_taken_for_it(name, speed):
-    slides = Contact(
-        "disc", center=(-0.05, 0.02), radius=0.006, pressure=2e4, velocity=(speed, speed / 3)
-    )
-    assert told_by(name, Channels(), contacts=(slides,), period=1e-3) is None
+def test_neither_what_has_settled_nor_what_moves_is_taken_for_it(name, channels, contacts, period):
+    assert told_by(name, channels, contacts, period) is None
 
 
 def test_what_was_taken_for_it_by_mistake_is_found_out():
-    wrong = Settling(np.full(64, 0.01), told_by("equal-8x8", SLOW).covariance)
+    wrong = Settling(np.full(64, 0.01), told_by("equal-8x8", 0.005).covariance)
     found = told_by("equal-8x8", Channels(), known=wrong)
     assert abs(found.part.mean()) < 5e-4
 
 
 @pytest.mark.parametrize("profile", ["fast", "accurate"])
 def test_contacts_are_those_of_a_sensor_that_settles(profile):
-    places = [
-        ((0.02, 0.013), (-0.03, -0.04)),
-        ((0.05, 0.06), (0.01, -0.05)),
-        ((-0.07, 0.02), (0, 0)),
-    ]
-    scores = []
-    for channels in (Channels(), SLOW):
-        pipeline = Pipeline(
-            load_layout("equal-8x8"), Settings(profile, noise=NOISE, contact_law=LAW)
-        )
-        results, truths = [], []
-        for pair in places:
-            contacts = tuple(Contact("disc", center=c, radius=0.006, pressure=2e4) for c in pair)
-            volts = simulator("equal-8x8", channels, contacts).frame(0.0)
-            results.append(pipeline.process(volts, np.arange(64), DRIVE))
-            force = 2e4 * np.pi * 0.006**2
-            truths.append([{"x": x, "y": y, "force": force} for x, y in pair])
+    pairs = [(WHERE, (-0.03, -0.04)), ((0.05, 0.06), (0.01, -0.05)), ((-0.07, 0.02), (0, 0))]
+    force, scores = 2e4 * np.pi * 0.006**2, []
+    truths = [[{"x": x, "y": y, "force": force} for x, y in pair] for pair in pairs]
+    for settling in (None, 0.005):
+        pipeline, results = pipeline_of(profile), []
+        for pair in pairs:
+            contacts = [disc(*place, pressure=2e4) for place in pair]
+            volts = simulator("equal-8x8", settling, contacts).frame(0.0)
+            results.append(pipeline.process(volts, GROUNDED, DRIVE))
         scores.append(score(results, truths))
     good, slow = scores
     for each in (good, slow):
@@ -159,104 +150,73 @@ def test_contacts_are_those_of_a_sensor_that_settles(profile):
     assert slow["force"]["worst"] < good["force"]["worst"] + 0.05
 
 
-@pytest.mark.parametrize("taken_off", [True, False])
-def test_rows_go_on_without_what_they_keep(taken_off, monkeypatch):
+def test_rows_go_on_without_what_they_keep():
     """Rows that are followed hear of it from the first frame; left in them, they are a millimetre off."""
-    if not taken_off:
-        nothing = property(lambda self: None, lambda self, value: None)
-        monkeypatch.setattr(RowsState, "settling", nothing)
-    sensor = simulator("equal-8x8", Channels(settling=0.02), (ONE,), period=1e-3)
-    settings = Settings("accurate", noise=NOISE, contact_law=LAW)
-    pipeline, off = Pipeline(load_layout("equal-8x8"), settings), []
+    made, pipeline, apart = simulator("equal-8x8", 0.02, (ONE,), 1e-3), pipeline_of(), []
     state = pipeline.rows()
     for i in range(3):
-        for ground, row in enumerate(sensor.frame(0.064 * i, i)):
+        for ground, row in enumerate(made.frame(0.064 * i, i)):
             at = 0.064 * i + 1e-3 * ground
             result = pipeline.process_row(row, ground, DRIVE, at, state)
-            off += [np.hypot(each.x - 0.02, each.y - 0.013) for each in result.contacts]
+            apart += [off(each, WHERE) for each in result.contacts]
     assert state.frames.settling.part.mean() == pytest.approx(0.02, rel=0.05)
-    assert len(off) == 129
-    assert max(off) < 4e-4 if taken_off else max(off) > 1e-3
+    assert len(apart) == 129 and max(apart) < 4e-4
 
 
-# -- what it must not spoil, and where it is harder to see -----------------------------------------
-
-
-def pressed(where, radius=0.006, **more):
-    return Contact("disc", center=where, radius=radius, pressure=3e4, **more)
-
-
-def pipeline_of(name="equal-8x8", **more):
-    return Pipeline(load_layout(name), Settings("accurate", noise=NOISE, contact_law=LAW, **more))
-
-
-def off(result, where):
-    (contact,) = result.contacts
-    return float(np.hypot(contact.x - where[0], contact.y - where[1]))
+# -- where it is harder to see ---------------------------------------------------------------------
 
 
 def test_readings_at_the_end_of_the_range_are_still_known_as_such():
-    scene = Scene(
-        "test", DRIVE, (pressed((0.02, 0.013)),), noise=Noise(rms=NOISE), adc=Adc(12, 2.3),
-        contact_law=LAW, defects=Defects(channels=SLOW),
-    )  # fmt: skip
-    frame = Simulator(load_layout("equal-8x8"), scene, row_period=0.0).frame(0.0)
+    press = disc(*WHERE, pressure=3e4)
+    frame = simulator("equal-8x8", 0.005, (press,), adc=Adc(12, 2.3)).frame(0.0)
     assert np.nanmax(frame) < 2.3 and (frame == np.nanmax(frame)).sum() > 20
-    result = pipeline_of().process(frame, np.arange(64), DRIVE)
-    assert result.state == "valid" and off(result, (0.02, 0.013)) < 5e-4 and result.misfit < 1.3
+    result = pipeline_of().process(frame, GROUNDED, DRIVE)
+    (contact,) = result.contacts
+    assert result.state == "valid" and off(contact, WHERE) < 5e-4 and result.misfit < 1.3
 
 
 @pytest.mark.parametrize("settling", [0.005, 0.03])
 def test_a_touch_that_begins_within_a_frame_and_rests_tells_it(settling):
-    where = (0.02, 0.013)
-    touch = pressed(where, start=1.0205)
-    sensor = simulator("equal-8x8", Channels(settling=settling), (touch,), period=1e-3)
-    pipeline = pipeline_of()
+    touch = disc(*WHERE, pressure=3e4, start=1.0205)
+    made, pipeline = simulator("equal-8x8", settling, (touch,), 1e-3), pipeline_of()
     for i in range(3):
         start = 1 + 0.064 * i
-        frame = sensor.frame(start, i)
-        result = pipeline.process(frame, np.arange(64), DRIVE, row_period=1e-3, stamp=start)
+        result = pipeline.process(made.frame(start, i), GROUNDED, DRIVE, 1e-3, start)
     assert pipeline._state.settling.part.mean() == pytest.approx(settling, rel=0.08)
-    assert off(result, where) < 3e-4
+    (contact,) = result.contacts
+    assert off(contact, WHERE) < 3e-4
 
 
 def test_the_row_before_the_first_one_need_not_be_like_the_last():
     """A touch that begins after a pause, just before the first row."""
     pipeline = pipeline_of()
-    for i, where in enumerate([(0.02, 0.013), (-0.05, 0.04), (0.06, -0.03)]):
-        touch = pressed(where, start=i - 1e-4, end=i + 0.5)
-        sensor = simulator("equal-8x8", Channels(settling=0.02), (touch,), period=1e-3)
-        frame = sensor.frame(float(i), i)
-        longer = replace(touch, start=i - 0.5)
-        there = simulator("equal-8x8", Channels(settling=0.02), (longer,), period=1e-3)
-        assert np.nanmax(there.frame(float(i), i)[0] - frame[0]) > 0.02
-        result = pipeline.process(frame, np.arange(64), DRIVE, row_period=1e-3, stamp=float(i))
-        assert result.state == "valid" and off(result, where) < 5e-4
+    for i, where in enumerate([WHERE, (-0.05, 0.04), (0.06, -0.03)]):
+        touch = disc(*where, pressure=3e4, start=i - 1e-4, end=i + 0.5)
+        frame, there = (
+            simulator("equal-8x8", 0.02, (each,), 1e-3).frame(float(i), i)
+            for each in (touch, replace(touch, start=i - 0.5))
+        )
+        assert np.nanmax(there[0] - frame[0]) > 0.02
+        result = pipeline.process(frame, GROUNDED, DRIVE, 1e-3, float(i))
+        (contact,) = result.contacts
+        assert result.state == "valid" and off(contact, where) < 5e-4
     assert pipeline._state.settling.part.mean() == pytest.approx(0.02, rel=0.05)
 
 
 def test_rows_of_electrodes_that_are_not_used_are_rows_before():
-    defects = Defects(channels=Channels(settling=0.02), swapped=((20, 45),))
-    scene = Scene(
-        "test", DRIVE, TWO, noise=Noise(rms=NOISE), adc=Adc(12, DRIVE), contact_law=LAW,
-        defects=defects,
-    )  # fmt: skip
-    frame = Simulator(load_layout("equal-8x8"), scene, row_period=0.0).frame(0.0)
-    pipeline = pipeline_of()
-    result = pipeline.process(frame, np.arange(64), DRIVE)
+    frame, pipeline = simulator("equal-8x8", 0.02, swapped=((20, 45),)).frame(0.0), pipeline_of()
+    result = pipeline.process(frame, GROUNDED, DRIVE)
     assert result.state == "valid" and len(result.contacts) == 2 and result.misfit < 1.3
     assert pipeline._state.settling.part.mean() == pytest.approx(0.02, rel=0.1)
 
 
 @pytest.mark.parametrize("settling", [None, 0.01])
 def test_a_recording_of_it_is_told_so(settling, tmp_path, capsys):
-    sensor = simulator("equal-4x4", Channels(settling=settling))
+    made = simulator("equal-4x4", settling)
     frames, out = tmp_path / "frames.npz", tmp_path / "result.npz"
-    voltages = np.array([sensor.frame(0.0, i) for i in range(2)])
-    np.savez(frames, voltages=voltages, grounded=sensor.grounded, drive_voltage=DRIVE)
+    voltages = np.array([made.frame(0.0, i) for i in range(2)])
+    np.savez(frames, voltages=voltages, grounded=made.grounded, drive_voltage=DRIVE)
     words = ["--layout", "equal-4x4", "--profile", "accurate", "--out", str(out)]
     assert main(["reconstruct", str(frames), *words]) == 0
-    said = capsys.readouterr().out
-    assert (
-        "of the row before: the multiplexer is read too early; this is subtracted" in said
-    ) == bool(settling)
+    said = "of the row before: the multiplexer is read too early; this is subtracted"
+    assert (said in capsys.readouterr().out) == bool(settling)
