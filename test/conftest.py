@@ -54,7 +54,7 @@ LONGEST = """
     examples_library learning nodes_live nodes_optimizer reconstruction_pipeline reconstruction_faults view_page
     estimation_rim nodes_serial nodes_tare nodes_viewer bench_trade reconstruction_discs nodes_touches
     nodes_refusal nodes_skin estimation_rows optimizer_resume nodes_devices nodes_replay nodes_learning
-    optimizer_command optimizer_free estimation_ids devices_serial nodes_ids security_policy
+    optimizer_command optimizer_free devices_serial nodes_ids security_policy
 """
 
 
