@@ -8,7 +8,7 @@ from tomotactile_ros.scenes.scene import Scene
 from tomotactile_ros.simulation import ROW_PERIOD, Simulator
 
 DRIVE, NOISE, LAW = 3.3, 1e-3, ContactLaw(1e-4, 1.0)  # V, V, S/m^2 per Pa
-CONVERTER = Adc(12, DRIVE)
+CONVERTER, FLAWLESS = Adc(12, DRIVE), Defects()
 
 
 def disc(x, y, radius=0.006, **pressed):
@@ -16,10 +16,10 @@ def disc(x, y, radius=0.006, **pressed):
     return Contact("disc", center=(float(x), float(y)), radius=radius, **pressed)
 
 
-def sensor(layout, *contacts, noise=NOISE, seed=1, adc=CONVERTER, law=LAW, defects=None, **how):
+def sensor(layout, *contacts, noise=NOISE, seed=1, law=LAW, defects=FLAWLESS, **how):
     """A `Simulator` of contacts, of the finite-element model where nothing else is said."""
-    defects = defects or Defects()
-    scene = Scene("test", DRIVE, contacts, law, Noise(noise, seed), adc, defects)
+    drive, adc = how.pop("drive", DRIVE), how.pop("adc", CONVERTER)
+    scene = Scene("test", drive, contacts, law, Noise(noise, seed), adc, defects)
     return Simulator(layout, scene, **{"row_period": ROW_PERIOD, **how})
 
 
