@@ -2,6 +2,9 @@
 
 import numpy as np
 
+from tomotactile_ros.estimation.channels import ChannelPrior
+from tomotactile_ros.estimation.observation import Rows
+from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.scenes.contact import Contact, ContactLaw
 from tomotactile_ros.scenes.defects import Adc, Defects, Noise
 from tomotactile_ros.scenes.scene import Scene
@@ -27,6 +30,19 @@ def frames_of(simulator, count):
     """(count, L, E) V, one after the other without a pause."""
     lasts = len(simulator.grounded) * simulator.row_period
     return np.array([simulator.frame(i * lasts, i) for i in range(count)])
+
+
+def rows_of(volts, noise=NOISE, grounded=None, times=None):
+    """`Rows` of a frame, V, that leave out the grounded electrode and what was not read."""
+    grounded = np.arange(len(volts)) if grounded is None else np.asarray(grounded)
+    weights = np.where(np.isnan(volts), 0.0, (DRIVE / noise) ** 2)
+    weights[np.arange(len(volts)), grounded] = 0.0
+    return Rows(np.where(weights > 0, volts / DRIVE, 0.0), weights, grounded, times)
+
+
+def unknown(operator, radius=0.005, **channels):
+    """The `Prior` of a sensor of which nothing is known."""
+    return Prior.unknown(operator, ChannelPrior(**channels), radius, DRIVE)
 
 
 def places(contacts):
