@@ -126,18 +126,6 @@ def test_drive_voltage_does_not_matter(setting):
     assert np.allclose(one.currents, other.currents, rtol=1e-4)
 
 
-def test_limit_of_weak_contacts_errs_in_proportion_to_their_strength(setting):
-    transfer, sheet, meter, _ = setting
-    errors = []
-    for strength in (1e-6, 1e-7):
-        conductance = strength * np.array([1.0, 0.5, 2.0])
-        expected = true_admittance(sheet, conductance).sum(axis=1)
-        found = meter.read_weak(contacts(transfer, conductance), DRIVE).currents
-        errors.append(np.abs(found - expected).max() / expected.sum())
-    assert errors[0] < 0.1
-    assert errors[1] == pytest.approx(errors[0] / 10, rel=0.2)
-
-
 def test_linear_image_is_the_tikhonov_solution(setting):
     transfer, _, meter, local = setting
     grid, forward = local.grid, local.forward
