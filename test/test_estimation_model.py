@@ -130,20 +130,6 @@ def test_derivatives_by_contacts_and_by_the_sheet(where):
     assert np.abs(found - true).max() < 1e-6 * np.abs(true).max()
 
 
-def test_a_bar_is_a_rectangle_with_its_sides_at_right_angles():
-    form, across = bar(0.01, 0.02, 0.09, 0.006, 33.0)
-    along = np.radians(33.0)
-    axes = np.array([[np.cos(along), np.sin(along)], [-np.sin(along), np.cos(along)]])
-    corners = SheetOperator(equal_grid(2, 2, (0.2, 0.2), 0.0025, 1e4))  # none is near
-    cut = Touches(corners, form[None], (across,), np.zeros(corners.modes))
-    places = (cut.places - form[:2]) @ axes.T
-    assert cut.weight.sum() == pytest.approx(1.0)
-    assert places.mean(axis=0) == pytest.approx(0.0, abs=1e-12)
-    for side, at in zip((0.09, 0.006), places.T, strict=True):
-        steps = np.unique(at.round(9))
-        assert np.ptp(steps) + np.diff(steps).max() == pytest.approx(side)
-
-
 @pytest.mark.parametrize(
     "correlated, order",
     [(False, ALL), (True, ALL), (True, np.array([3, 9, 9, 0, 14, 7, 12, 1]))],
