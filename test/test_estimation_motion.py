@@ -2,26 +2,28 @@
 and what is made of them."""
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
-from contacts_support import DRIVE, LAW, NOISE, disc, frames_of, off, places, sensor
+from contacts_support import (
+    DRIVE,
+    LAW,
+    NOISE,
+    disc,
+    frames_of,
+    off,
+    places,
+    sensor,
+)
 
 import tomotactile_ros as tt
-from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.forward import Prediction, Unknowns
-from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.operator import SheetOperator
-from tomotactile_ros.estimation.prior import Prior
-from tomotactile_ros.estimation.search import Search
 from tomotactile_ros.estimation.touch import patches_for
 from tomotactile_ros.layouts.layout import equal_grid, load_layout
 from tomotactile_ros.layouts.scan_order import spread
 from tomotactile_ros.reconstruction import Pipeline, Settings
-from tomotactile_ros.scenes.channels import Channels
 from tomotactile_ros.scenes.course import Ramp, Tap
-from tomotactile_ros.scenes.defects import Defects
 from tomotactile_ros.simulation import ROW_PERIOD, Simulator
 
 LAYOUT = equal_grid(4, 4, (0.2, 0.2), 0.005, 1e4)
@@ -42,16 +44,11 @@ def sliding(speed: float) -> Unknowns:
     return replace(moving, rates=rates)
 
 
-def each_at_its_time(unknowns):
-    return [
-        Prediction(OPERATOR, unknowns.after(time), GROUNDED[i : i + 1])
-        for i, time in enumerate(TIMES)
-    ]
-
-
 def left_over(unknowns, times=TIMES):
     """How far readings of all rows together are from those of each at its time."""
-    true = np.concatenate([each.readings for each in each_at_its_time(unknowns)])
+    own = enumerate(TIMES)
+    rows = [Prediction(OPERATOR, unknowns.after(t), GROUNDED[i : i + 1]).readings for i, t in own]
+    true = np.concatenate(rows)
     return np.linalg.norm(Prediction(OPERATOR, unknowns, GROUNDED, times=times).readings - true)
 
 
@@ -64,35 +61,6 @@ def test_rows_see_contacts_where_they_are_at_their_time(speed):
     rest = [left_over(replace(sliding(0.0), rates=part * slow)) for part in (1.0, 0.5, 0.25)]
     assert rest[0] / rest[1] == pytest.approx(4, rel=0.25)
     assert rest[1] / rest[2] == pytest.approx(4, rel=0.25)
-
-
-def test_what_does_not_move_reads_the_same():
-    still = replace(sliding(0.0), rates=np.zeros((2, 3)))
-    expected = Prediction(OPERATOR, still, GROUNDED)
-    found = Prediction(OPERATOR, still, GROUNDED, times=TIMES)
-    np.testing.assert_allclose(found.readings, expected.readings, atol=1e-12)
-    np.testing.assert_allclose(found.sheet_columns(), expected.sheet_columns(), atol=1e-12)
-    at_rest = Prediction(OPERATOR, still.in_motion(False), GROUNDED, times=TIMES).contact_columns()
-    np.testing.assert_allclose(at_rest, expected.columns(still.free), atol=1e-12)
-
-
-def test_derivatives_are_those_of_every_row_at_its_time():
-    unknowns = sliding(0.1)
-    unknowns = replace(unknowns, rates=unknowns.rates * [0.5, 0.5, 0.05])
-    found = Prediction(OPERATOR, unknowns, GROUNDED, times=TIMES).contact_columns()
-    each = [row.columns(unknowns.free) for row in each_at_its_time(unknowns)]
-    true = np.concatenate(each, axis=1)
-    rated = true[[0, 1, 2, 4, 5, 6]] * TIMES[:, None]
-    for one, other in zip(found, [*true, *rated], strict=True):
-        assert np.linalg.norm(one - other) < 0.03 * np.linalg.norm(other)
-
-
-def test_missing_rows_and_a_middle_that_no_row_was_read_at():
-    some, unknowns = np.array([0, 1, 2, 14, 15]), sliding(2.0)
-    found = Prediction(OPERATOR, unknowns, GROUNDED[some], times=TIMES[some])
-    whole = Prediction(OPERATOR, unknowns, GROUNDED, times=TIMES)
-    np.testing.assert_allclose(found.readings, whole.readings[some], atol=1e-12)
-    np.testing.assert_allclose(found.means, whole.means)
 
 
 # -- what is made of it ----------------------------------------------------------------------------
@@ -113,29 +81,6 @@ def test_the_velocity_of_a_contact_is_reported_and_its_place_is_that_of_the_last
 EIGHT = load_layout("equal-8x8")
 ALL, LASTS = np.arange(64), 64 * ROW_PERIOD
 FIRST = disc(-0.03, 0.0, pressure=2e4)
-
-
-@cache
-def search_of_64() -> Search:
-    return Search(SheetOperator(EIGHT))
-
-
-@pytest.mark.parametrize("spread_of_gains", [0.0, 0.05])
-@pytest.mark.parametrize("row", [20, 47, 58])
-def test_reciprocity_says_which_rows_are_of_one_state(row, spread_of_gains):
-    """Whatever touches, and with channels of which nothing is known."""
-    second = disc(0.03, 0.01, 0.005, pressure=1e4, start=row * ROW_PERIOD)
-    gains = 1 + spread_of_gains * np.random.default_rng(3).standard_normal(64)
-    defects = Defects(channels=Channels(gain=tuple(gains)))
-    simulator = sensor(EIGHT, FIRST, second, seed=0, adc=None, defects=defects)
-    search, channels = search_of_64(), ChannelPrior(gain=max(spread_of_gains, 0.03))
-    prior = Prior.unknown(search.operator, channels, RADIUS, DRIVE)
-    for begun, alike in ((0.0, 64 - row), (LASTS, 64)):
-        frame = simulator.frame(begun) / DRIVE
-        weights = np.where(np.eye(64, dtype=bool), 0.0, 3.3e3**2)
-        times = ROW_PERIOD * (ALL - 31.5)
-        rows = Rows(np.where(weights > 0, frame, 0.0), weights, ALL, times)
-        assert alike - 2 <= search.of_one_state(rows, prior) <= alike + 1
 
 
 @pytest.mark.parametrize("profile", ["fast", "balanced", "accurate"])
