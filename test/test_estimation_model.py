@@ -18,7 +18,9 @@ from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.solver import solve
 from tomotactile_ros.estimation.tables import mirrored
 from tomotactile_ros.estimation.touch import (
+    CONDUCTANCE,
     Touches,
+    conductance,
     patches_for,
     patches_of,
 )
@@ -325,6 +327,28 @@ def test_forces_of_nearly_bare_contacts_are_as_uncertain_as_they_are_wrong(radiu
     else:
         assert abs(found.force - pressure * area) < 2 * found.force_std
         assert found.force_std < 0.3 * found.force
+
+
+def test_ways_through_the_sheet_change_readings_as_differences_say():
+    """Of D times a factor, c held: by the formula for readings from H, D and g, dense."""
+    operator = SheetOperator(LAYOUT)
+    contacts = np.array([[0.01, 0.02, np.log(2e-4), np.log(0.012), 0.2, -0.1]])
+    unknowns = Unknowns.at_rest(operator).with_contacts(contacts, (5,), np.ones((1, 6), bool))
+    rows, step = np.arange(16), 1e-4
+    prediction = Prediction(operator, unknowns, rows)
+    slope, touches = prediction.way_columns()[0], prediction.touches
+
+    def readings(factor: float) -> np.ndarray:
+        g = conductance(contacts[0, CONDUCTANCE], factor * touches.mean[0])[0]
+        own = np.diag(1 / (g * touches.weight)) + factor * touches.impedance
+        added = touches.share @ np.linalg.solve(own, touches.share.T)
+        added += np.diag(g * touches.direct[0])
+        impedance = np.linalg.inv(operator.admittance + added)
+        return 1 - impedance[rows] / impedance[rows, rows][:, None]
+
+    np.testing.assert_allclose(readings(1.0), prediction.readings, atol=1e-12)
+    change = (readings(1 + step) - readings(1 - step)) / (2 * step)
+    np.testing.assert_allclose(change, slope, atol=1e-5 * np.abs(slope).max())
 
 
 def test_what_a_sheet_changes_is_the_integral_over_its_elements():
