@@ -1,8 +1,6 @@
 """Contacts of any shape: derivatives by the cells, and hands, rings and whole sheets of the reference
 model."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -10,15 +8,6 @@ from tomotactile_ros.bench.sensor.readings import Wiring, potentials, readings, 
 from tomotactile_ros.bench.sensor.states import states
 from tomotactile_ros.bench.sensor.trial import presses
 from tomotactile_ros.bench.trials import DRIVE, LAW, NOISE
-from tomotactile_ros.estimation.channels import ChannelPrior
-from tomotactile_ros.estimation.equations import Contacts
-from tomotactile_ros.estimation.fit import Fit
-from tomotactile_ros.estimation.forward import Unknowns
-from tomotactile_ros.estimation.observation import Rows
-from tomotactile_ros.estimation.operator import operator_for
-from tomotactile_ros.estimation.prior import Prior
-from tomotactile_ros.estimation.shape import Lattice
-from tomotactile_ros.estimation.touch import CONDUCTANCE
 from tomotactile_ros.evaluation.scoring import score_frame
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.reconstruction import Pipeline, Settings
@@ -26,10 +15,9 @@ from tomotactile_ros.scenes.scene import load_scene
 from tomotactile_ros.simulation import Simulator
 
 
-def pressed(case, family="wide-8x8", wiring=None, step=1):
-    """Results of `accurate` of every `step`-th state of a case, with channels as of `wiring`, and what
-    is true."""
-    trial = presses(case, states(family, case).every(step), wiring or Wiring())
+def pressed(case, family="wide-8x8", step=1):
+    """Results of `accurate` of every `step`-th state of a case, and what is true."""
+    trial = presses(case, states(family, case).every(step), Wiring())
     pipeline = Pipeline(trial.layout, Settings("accurate", noise=NOISE, contact_law=LAW))
     for frame, truth in zip(trial.frames, trial.truths, strict=True):
         result = pipeline.process(frame, np.arange(trial.layout.electrodes), DRIVE)
@@ -37,71 +25,35 @@ def pressed(case, family="wide-8x8", wiring=None, step=1):
             yield result, truth
 
 
-@pytest.fixture(scope="module")
-def operator():
-    return operator_for(load_layout("equal-4x4"))
-
-
-def cells(operator, count=9):
-    """A fit of a square of cells in the middle, some of which hardly conduct."""
-    lattice = Lattice(operator, 2)
-    near = np.argsort(np.hypot(*lattice.cells.T))[:count]
-    which = np.zeros(len(lattice.cells), bool)
-    which[near] = True
-    unknowns = lattice.unknowns(which, 1e-3, Unknowns.at_rest(operator))
-    draw = np.random.default_rng(3)
-    contacts = unknowns.contacts.copy()
-    contacts[:, CONDUCTANCE] += draw.normal(0, 1, count)
-    unknowns = replace(unknowns, contacts=contacts)
-    shape = operator.count, operator.count
-    rows = Rows(draw.random(shape), np.full(shape, 1e6), np.arange(operator.count))
-    prior = Prior.unknown(operator, ChannelPrior(), 0.005, DRIVE)
-    return Fit(operator, unknowns, rows, prior)
-
-
-def test_derivatives_by_the_cells_are_differences(operator):
-    fit, step = cells(operator), 1e-4
-    columns = fit.prediction.contact_columns()
-    strengths = np.exp(fit.unknowns.contacts[:, CONDUCTANCE])
-    for i in range(len(strengths)):
-        ahead, back = strengths.copy(), strengths.copy()
-        ahead[i] *= np.exp(step)
-        back[i] *= np.exp(-step)
-        change = (
-            fit.with_strengths(ahead).prediction.readings
-            - fit.with_strengths(back).prediction.readings
-        ) / (2 * step)
-        assert columns[i] == pytest.approx(change, rel=1e-4, abs=1e-4 * np.abs(change).max())
-
-
-def test_the_gradient_is_that_of_the_cost(operator):
-    fit, step = cells(operator), 1e-5
-    pull = Contacts(fit).right
-    strengths = np.exp(fit.unknowns.contacts[:, CONDUCTANCE])
-    for i in range(len(strengths)):
-        ahead, back = strengths.copy(), strengths.copy()
-        ahead[i] *= np.exp(step)
-        back[i] *= np.exp(-step)
-        rise = (fit.with_strengths(ahead).cost - fit.with_strengths(back).cost) / (2 * step)
-        assert -2 * pull[i] == pytest.approx(rise, rel=1e-3, abs=1e-4 * abs(2 * pull).max())
-
-
-def test_a_hand_is_a_palm_and_five_fingertips():
-    """None of the contacts is taken for a part of another; none is there that is not."""
-    ((result, truth),) = pressed("hand", step=5)
-    score = score_frame(result.contacts, truth)
-    assert result.state == "valid" and score.true == 6
-    assert score.ghosts + score.doubled + score.missed == 0
+@pytest.mark.parametrize(
+    "family, case, step, true, ghosts, missed",
+    [
+        # none of the contacts is taken for a part of another; none is there that is not
+        ("wide-8x8", "hand", 5, 6, 0, 0),
+        # cells chosen among seventy explain them as well, and were one shape with 3 of 30 contacts in the
+        # right place; three within half a spacing are one
+        ("crowd-4x4", "5 contacts", 1, 30, 1, 8),
+        # with the sensor as expected two discs are likelier than an ellipse; with one that is bent to the
+        # ellipse they are not, and the pairs of four frames of five were one contact of both forces
+        ("pairs-8x8", "16 mm apart", 1, 10, 10, 1),
+    ],
+    ids=["a palm and five fingertips", "five on sixteen electrodes", "5 mm wide, 16 mm apart"],
+)
+def test_how_many_there_are(family, case, step, true, ghosts, missed):
+    results, truths = zip(*pressed(case, family, step=step), strict=True)
+    scores = [score_frame(r.contacts, t) for r, t in zip(results, truths, strict=True)]
+    assert case != "hand" or results[0].state == "valid"
+    assert sum(score.true for score in scores) == true
+    assert sum(score.ghosts + score.doubled for score in scores) <= ghosts
+    assert sum(score.missed for score in scores) <= missed
 
 
 def test_cells_that_had_nothing_to_explain_may_conduct_once_the_sensor_is_free():
     """Of this hand the cells of two fingertips were left out while the sheet was held: two ghosts, four
     contacts missed, and 3.2 times the noise left over."""
     hand = states("wide-8x8", "hand")
-    wiring, pipeline = (
-        Wiring(),
-        Pipeline(hand.layout, Settings("accurate", noise=NOISE, contact_law=LAW)),
-    )
+    wiring = Wiring()
+    pipeline = Pipeline(hand.layout, Settings("accurate", noise=NOISE, contact_law=LAW))
     grounded = np.arange(hand.layout.electrodes)
     pipeline.process(readings(untouched(len(grounded)), wiring, (2, 1, 0)), grounded, DRIVE)
     frame = readings(potentials(hand.seen[1], wiring), wiring, (2, 1, 1))
@@ -136,27 +88,6 @@ def test_an_l_on_sixteen_electrodes_is_one_contact_from_the_first_frame_on(profi
     first, second = (pipeline.process(simulator.measure(0.016 * i, i)) for i in range(2))
     assert len(first.contacts) == len(second.contacts) == 1 and first.misfit < 1.1
     assert second.contacts[0].id == first.contacts[0].id
-
-
-def test_five_contacts_on_sixteen_electrodes_are_no_shape():
-    """Cells chosen among seventy explain them as well, and were one shape with 3 of 30 contacts in the
-    right place. Three within half a spacing are one."""
-    scores = [
-        score_frame(result.contacts, truth) for result, truth in pressed("5 contacts", "crowd-4x4")
-    ]
-    assert sum(score.true for score in scores) == 30
-    assert sum(score.ghosts + score.doubled for score in scores) <= 1
-    assert sum(score.missed for score in scores) <= 8
-
-
-def test_two_contacts_of_5_mm_and_16_mm_apart_are_no_rod():
-    """With the sensor as expected two discs are likelier than an ellipse; with one that is bent to the
-    ellipse they are not, and the pairs of four frames of five were one contact of both forces."""
-    scores = [
-        score_frame(result.contacts, truth) for result, truth in pressed("16 mm apart", "pairs-8x8")
-    ]
-    assert sum(score.true for score in scores) == 10
-    assert sum(score.missed for score in scores) <= 1
 
 
 def test_a_sheet_pressed_as_a_whole_is_one_contact_of_the_right_force():

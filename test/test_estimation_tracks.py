@@ -2,9 +2,15 @@
 
 from dataclasses import dataclass
 
+import numpy as np
 import pytest
+from contacts_support import DRIVE, off
 
 from tomotactile_ros.estimation.tracks import Tracks
+from tomotactile_ros.layouts.layout import load_layout
+from tomotactile_ros.reconstruction import Pipeline, Settings
+from tomotactile_ros.scenes.scene import load_scene
+from tomotactile_ros.simulation import ROW_PERIOD, Simulator
 
 
 @dataclass
@@ -17,13 +23,6 @@ class At:
 
 def numbers(tracks, contacts, time):
     return [each.number for each in tracks.follow(contacts, time)]
-
-
-def test_a_resting_contact_keeps_its_number_and_ages():
-    tracks = Tracks(0.025)
-    assert tracks.follow([At(0.01, 0.02)], 5.0) == [(1, 0.0, (0.0, 0.0))]
-    ((number, age, velocity),) = tracks.follow([At(0.0102, 0.0199)], 5.25)
-    assert number == 1 and abs(age - 0.25) < 1e-12 and velocity == (0.0, 0.0)
 
 
 def test_a_way_between_frames_that_deviations_do_not_allow_is_a_velocity():
@@ -133,3 +132,29 @@ def test_a_clock_set_back_by_seconds_is_no_frame_that_is_told_late(back, given):
     assert (now.number, now.velocity) == (3, (0.0, 0.0))
     rests = tracks.follow([At(0.0, 0.0)], 100.1 - back, 0.063, given)
     assert [each.number for each in rests] == [3]
+
+
+def test_contacts_that_slide_on_through_a_second_without_readings_keep_their_ids():
+    """The finger turns round a corner meanwhile, the ball turns back. What a frame says comes eight rows late,
+    that of the one before the gap behind it: rows had lost one of the contacts by then, and took the frame for
+    one that had found it gone."""
+    layout, scene, told, ids = load_layout("equal-8x8"), load_scene("slide"), None, [set(), set()]
+    order = np.arange(64) * 27 % 64
+    simulator = Simulator(layout, scene, "closed_form", row_period=ROW_PERIOD)
+    simulator.grounded = order
+    pipeline = Pipeline(layout, Settings("accurate"))
+    state = pipeline.rows(waits=False)
+    for number, begun in enumerate([1.472, 1.536, 2.6, 2.664, 2.728]):
+        frame = simulator.frame(begun, number)
+        for i, ground in enumerate(order.tolist()):
+            if i == 8 and told is not None and state.asks:
+                pipeline.correct(state, *told)
+            now = begun + i * ROW_PERIOD
+            result = pipeline.process_row(frame[i], ground, DRIVE, now, state)
+            for contact in result.contacts:
+                apart = [off(contact, each.at(now).centroid) for each in scene.contacts]
+                assert min(apart) < 0.01
+                ids[int(np.argmin(apart))].add(contact.id)
+        told = frame, order, DRIVE, ROW_PERIOD, begun
+    assert [len(each) for each in ids] == [1, 1]
+    assert len(result.contacts) == 2 and all(each.age > 1.0 for each in result.contacts)

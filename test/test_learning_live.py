@@ -6,7 +6,8 @@ from functools import cache
 
 import numpy as np
 import pytest
-from test_learning import DRIVE, LAW, NOISE, WRONG, layout, simulator, truth
+from contacts_support import DRIVE, LAW, NOISE, disc, off
+from test_learning import WRONG, layout, simulator, truth
 
 from tomotactile_ros.learning import findings
 from tomotactile_ros.learning.beside import LearnerBeside
@@ -14,20 +15,13 @@ from tomotactile_ros.learning.health import Health
 from tomotactile_ros.learning.live import LiveLearner
 from tomotactile_ros.learning.recorded import learn
 from tomotactile_ros.reconstruction import Pipeline, Settings
-from tomotactile_ros.scenes.contact import Contact
 from tomotactile_ros.scenes.defects import Defects
 from tomotactile_ros.scenes.sheet_field import SheetField, Tear
 from tomotactile_ros.simulation import Simulator
 
 GROUNDED = np.arange(16)
 
-
-@pytest.fixture(scope="module", autouse=True)
-def ends_of_tears_are_found_to_3_mm():
-    """Instead of 0.3 mm, which takes twice the time."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("tomotactile_ros.learning.tears._NEAR", 3e-3)
-        yield
+pytestmark = pytest.mark.usefixtures("ends_of_tears_are_found_to_3_mm")
 
 
 def live(**more):
@@ -80,10 +74,14 @@ def test_gains_are_right_after_three_touches_and_better_after_all():
     assert last.time == pytest.approx(1015.5, abs=1.0)
 
 
+def pipeline_of(profile, sensor):
+    settings = Settings(profile, contact_law=LAW, resolution=16)
+    return Pipeline(layout(), settings, sensor=sensor)
+
+
 def errors(profile, sensor, touches):
     """(n,) distance of the strongest contact from each touch, m."""
-    pipeline = Pipeline(layout(), Settings(profile, contact_law=LAW, resolution=16), sensor=sensor)
-    sensor = simulator(16)
+    pipeline, sensor = pipeline_of(profile, sensor), simulator(16)
     results = [pipeline.process(sensor.frame(i + 0.75, 900 + i), GROUNDED, DRIVE) for i in touches]
     return np.array([_error(r, sensor.scene.contacts[i]) for r, i in zip(results, touches)])
 
@@ -98,13 +96,11 @@ def test_contacts_are_right_once_the_sensor_is_known():
 def _error(result, wanted):
     if not result.contacts:
         return np.inf
-    strongest = max(result.contacts, key=lambda c: c.force)
-    return float(np.hypot(strongest.x - wanted.center[0], strongest.y - wanted.center[1]))
+    return off(max(result.contacts, key=lambda c: c.force), wanted.center)
 
 
 def test_a_tare_leaves_offsets_to_the_tare():
-    settings = Settings("accurate", contact_law=LAW, resolution=16)
-    pipeline = Pipeline(layout(), settings, sensor=states()[-1])
+    pipeline = pipeline_of("accurate", states()[-1])
     idle = [(simulator(16).frame(0.2, 800 + i), GROUNDED) for i in range(8)]
     pipeline.tare(idle)
     assert pipeline.process(simulator(16).frame(0.3, 850), GROUNDED, DRIVE).idle
@@ -143,7 +139,7 @@ def test_touches_that_move_while_rows_are_read_teach_nothing(before):
     learner = live(state=states()[-1] if before else None)
     known, offered = learner.state, 0
     for x in (-0.045, -0.015, 0.015, 0.045):
-        slide = Contact("disc", center=(x, -0.05), radius=0.006, pressure=2e4, velocity=(0.05, 0.3))
+        slide = disc(x, -0.05, pressure=2e4, velocity=(0.05, 0.3))
         sensor = Simulator(layout(), replace(simulator(16).scene, contacts=(slide,)))
         for time in (0.02, 0.02, 0.12, 0.12, 0.22, 0.22):  # each twice, as if it rested
             if learner.offer(sensor.frame(time, 7), GROUNDED, DRIVE, 1020.0 + time):
@@ -285,13 +281,6 @@ def test_a_sensor_that_does_not_settle_is_learned_all_the_same():
     assert (ratio / ratio.mean()).std() < 2 * findings.relative_gain_deviation(learned.state)
     said = re.search(r"readings keep (.*) % of the row before", "\n".join(findings.lines(learned)))
     assert float(said[1]) == pytest.approx(2.0, abs=0.15)
-    settled = learn(layout(), settled_frames(), GROUNDED, DRIVE, noise=NOISE)
-    assert settled.settling is None
-    assert not any("readings keep" in line for line in findings.lines(settled))
-
-
-def settled_frames():
-    return np.array([simulator(16).frame(t, i) for i, t in enumerate(np.arange(0.25, 4.0, 0.5))])
 
 
 def test_it_is_learned_while_it_is_used():
@@ -316,9 +305,7 @@ def test_it_is_learned_while_it_is_used():
 def test_offsets_that_have_wandered_are_no_contacts():
     """Amplifiers warm up and mains hum: what was learned to a tenth of a millivolt is not so for long."""
     state = states()[-1]
-    pipeline = Pipeline(
-        layout(), Settings("accurate", contact_law=LAW, resolution=16), sensor=state
-    )
+    pipeline = pipeline_of("accurate", state)
     assert state.std("offset").max() < 3e-4
     wander = 2e-3 * np.random.default_rng(8).standard_normal(16)
     for touch in (1, 13, 14):

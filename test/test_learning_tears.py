@@ -2,43 +2,31 @@
 
 import numpy as np
 import pytest
+from contacts_support import DRIVE, NOISE, disc, off, sensor
 
 import tomotactile_ros as tt
-from tomotactile_ros.bench.trials import LAW
 from tomotactile_ros.estimation.as_cut import torn
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.learning.file import load_sensor, save_sensor
 from tomotactile_ros.learning.findings import lines
 from tomotactile_ros.learning.health import Health
-from tomotactile_ros.learning.tears import couplings, find_tears
-from tomotactile_ros.scenes.contact import Contact
+from tomotactile_ros.learning.tears import find_tears
 from tomotactile_ros.scenes.defects import Defects
-from tomotactile_ros.scenes.scene import Scene
 from tomotactile_ros.scenes.sheet_field import SheetField, Tear
 
-DRIVE, NOISE = 3.3, 1e-3
 LAYOUT = tt.equal_grid(5, 5, (0.125, 0.125), sheet_resistance=1e4, radius=0.0025)
 OPERATOR = SheetOperator(LAYOUT)
 TEAR = (-0.02, 0.018, 0.04, 0.018)
 TORN = SheetField(tears=(Tear((TEAR[:2], TEAR[2:]), 0.001),))
 
-
-@pytest.fixture(scope="module", autouse=True)
-def ends_of_tears_are_found_to_3_mm():
-    """Instead of 0.3 mm, which takes twice the time."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("tomotactile_ros.learning.tears._NEAR", 3e-3)
-        yield
+pytestmark = pytest.mark.usefixtures("ends_of_tears_are_found_to_3_mm")
 
 
 def pressed(places, sheet, layout=LAYOUT):
     """Frames of a touch at one place after the other."""
-    contacts = [
-        Contact("disc", center=at, radius=0.006, force=2.0, start=i, end=i + 1.0)
-        for i, at in enumerate(places)
-    ]
-    scene = Scene("torn", DRIVE, contacts, LAW, defects=Defects(sheet=sheet))
-    simulator = tt.Simulator(layout, scene, row_period=0.0)
+    contacts = [disc(*at, force=2.0, start=i, end=i + 1.0) for i, at in enumerate(places)]
+    how = {"noise": 0.0, "adc": None, "row_period": 0.0}
+    simulator = sensor(layout, *contacts, defects=Defects(sheet=sheet), **how)
     frames = np.array([simulator.frame(i + 0.5) for i in range(len(places))])
     return frames + np.random.default_rng(1).normal(0, NOISE, frames.shape[1:])
 
@@ -51,15 +39,6 @@ def distance(tear, true):
     """Of the ends of one to those of the other, the farther one, m."""
     ends, others = np.reshape(tear, (2, 2)), np.reshape(true, (2, 2))
     return min(np.linalg.norm(ends - each, axis=1).max() for each in (others, others[::-1]))
-
-
-def test_couplings_are_those_of_the_sheet_wherever_it_is_touched():
-    frames = touches(5, SheetField()) / DRIVE
-    count = LAYOUT.electrodes
-    found = couplings(OPERATOR, frames, np.ones(count), np.zeros(count))
-    ratio = (found / OPERATOR.admittance)[np.triu(OPERATOR.seen, 1)]
-    assert np.median(np.abs(np.log(ratio))) < 0.02
-    assert find_tears(OPERATOR, found) == ()
 
 
 def uncertain(layout):
@@ -100,7 +79,7 @@ def test_learning_names_a_tear_and_contacts_are_right_beside_it(tmp_path):
     for at, frame in zip(places, pressed(places, TORN), strict=True):
         pipeline.untare()  # as the first frame
         (contact,) = pipeline.process(frame, LAYOUT.grounded, DRIVE).contacts
-        assert np.hypot(contact.x - at[0], contact.y - at[1]) < 1e-3
+        assert off(contact, at) < 1e-3
 
 
 def test_where_a_tear_is_not_known_contacts_beside_it_are_right_or_withheld():
@@ -115,7 +94,7 @@ def test_where_a_tear_is_not_known_contacts_beside_it_are_right_or_withheld():
             assert "is it torn" in result.reason
         else:
             (contact,) = result.contacts
-            assert np.hypot(contact.x - at[0], contact.y - at[1]) < 3e-3
+            assert off(contact, at) < 3e-3
 
 
 def test_tears_that_are_none_of_the_sheet_are_refused_in_one_line(tmp_path):

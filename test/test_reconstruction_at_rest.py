@@ -2,34 +2,28 @@
 
 import numpy as np
 import pytest
+from contacts_support import DRIVE, disc, sensor
 
 from tomotactile_ros.layouts.layout import equal_grid, load_layout
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.reconstruction.at_rest import at_rest
-from tomotactile_ros.scenes.scene import load_scene
-from tomotactile_ros.simulation import Simulator
+from tomotactile_ros.scenes.channels import Channels, Rms
+from tomotactile_ros.scenes.defects import Defects
 from tomotactile_ros.support.errors import InputError
 
-DRIVE = 3.3  # V
 NOISE = 0.002  # V
-SCENE = {
-    "format": "tomotactile-scene/1",
-    "drive_voltage": DRIVE,
-    "contact_law": {"coefficient": 1e-4, "exponent": 1.0},
-    "noise": {"rms": NOISE},
-}
 
 
 def frames_of(count=8, pressure=0.0, **wrong):
     """(count, 16, 16) V of a 4 x 4 sheet, pressed with a disc of 5 mm or not at all."""
-    disc = {"shape": "disc", "center": [0.03, 0.02], "radius": 0.005, "pressure": pressure}
-    scene = {**SCENE, "contacts": [disc] if pressure else [], "defects": wrong}
-    simulator = Simulator(load_layout("equal-4x4"), load_scene("idle", scene))
-    return np.array([simulator.frame(0.0, k) for k in range(count)])
+    pressed = [disc(0.03, 0.02, 0.005, pressure=pressure)] if pressure else []
+    defects, how = Defects(channels=Channels(**wrong)), {"noise": NOISE, "adc": None}
+    made = sensor(load_layout("equal-4x4"), *pressed, defects=defects, **how)
+    return np.array([made.frame(0.0, k) for k in range(count)])
 
 
 def test_what_nothing_touches_is_the_offsets_of_the_channels():
-    rest = at_rest(frames_of(offset={"rms": 0.01}), DRIVE)
+    rest = at_rest(frames_of(offset=Rms(0.01, 1)), DRIVE)
     rows, columns = np.where(~np.eye(16, dtype=bool))
     offsets = np.nanmean(rest.mean, axis=0)
     assert 0.003 < np.std(offsets) < 0.03  # those that were drawn

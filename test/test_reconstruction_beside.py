@@ -7,14 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from contacts_support import DRIVE, disc, off, sensor
 from process_support import python, running
 
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.reconstruction.beside import Beside
-from tomotactile_ros.scenes.contact import Contact
-from tomotactile_ros.scenes.scene import Scene
-from tomotactile_ros.simulation import Simulator
 from tomotactile_ros.support.errors import InputError
 
 LAYOUT = load_layout("equal-4x4")
@@ -31,10 +29,11 @@ def pipeline_of(profile="accurate", **settings):
     return Pipeline(LAYOUT, Settings(profile, **settings))
 
 
-def frame(place=(0.02, -0.03)):
-    touch = Contact("disc", center=place, radius=0.006, pressure=20000.0)
-    voltages = Simulator(LAYOUT, Scene("one", 3.3, [touch])).frame(0.0, 0)
-    return voltages, np.arange(16), 3.3, 1e-3, 5.0
+@pytest.fixture(scope="module")
+def words():
+    """What a pipeline is told of a frame."""
+    voltages = sensor(LAYOUT, disc(0.02, -0.03, pressure=20e3), noise=0.0, adc=None).frame(0.0)
+    return voltages, np.arange(16), DRIVE, 1e-3, 5.0
 
 
 def until_it_takes(beside, pipeline):
@@ -50,48 +49,41 @@ def said(pipeline, maker, words):
     return result, state.told()
 
 
-def test_it_says_what_the_pipeline_says_and_another_one_does_after_it_was_killed(beside):
+def test_it_says_what_the_pipeline_says_and_another_one_does_after_it_was_killed(beside, words):
     here = pipeline_of()
     assert not beside.takes(here)  # it begins, and nobody waits for it
     until_it_takes(beside, here)
-    offset = np.linspace(-0.02, 0.02, 16)
-    for tare in (None, np.tile(offset, (16, 1))):
-        words = frame()
-        if tare is not None:
-            here.use_baseline(tare)
-            words = words[0] + offset, *words[1:]
+    for offset in (np.zeros(16), np.linspace(-0.02, 0.02, 16)):
+        alone = pipeline_of()
+        if offset.any():
+            for each in (here, alone):
+                each.use_baseline(np.tile(offset, (16, 1)))
+        given = words[0] + offset, *words[1:]
         assert beside.takes(here)  # tares are told at once
-        result, seen = said(here, beside, words)
-        expected, expected_seen = said(here, pipeline_with(here.baseline), words)
+        result, seen = said(here, beside, given)
+        expected, expected_seen = said(here, alone, given)
         (one,), (other,) = result.contacts, expected.contacts
-        assert np.hypot(one.x - 0.02, one.y + 0.03) < 1e-3
+        assert off(one, (0.02, -0.03)) < 1e-3
         assert (one.x, one.y, one.force) == pytest.approx((other.x, other.y, other.force), rel=1e-3)
         np.testing.assert_allclose(result.pressure, expected.pressure, rtol=1e-2)
         assert (seen.begun, seen.ended) == (expected_seen.begun, expected_seen.ended)
         assert seen.fit.used == expected_seen.fit.used
     os.kill(beside.pid, signal.SIGKILL)
     with pytest.raises(ConnectionError, match="has ended"):
-        beside.process(*frame())
+        beside.process(*words)
     here.untare()
     until_it_takes(beside, here)
-    assert len(beside.process(*frame()).contacts) == 1
+    assert len(beside.process(*words).contacts) == 1
 
 
-def pipeline_with(baseline):
-    made = pipeline_of()
-    if baseline is not None:
-        made.use_baseline(baseline)
-    return made
-
-
-def test_other_settings_are_prepared_for_and_bad_frames_refused(beside):
+def test_other_settings_are_prepared_for_and_bad_frames_refused(beside, words):
     until_it_takes(beside, pipeline_of())
     coarse = pipeline_of(resolution=20)
     assert not beside.takes(coarse)
     until_it_takes(beside, coarse)
-    assert beside.process(*frame()).pressure.shape == (20, 20)
+    assert beside.process(*words).pressure.shape == (20, 20)
     with pytest.raises(InputError, match="drive_voltage"):
-        beside.process(*frame()[:2], -1.0, 1e-3, 5.0)
+        beside.process(*words[:2], -1.0, 1e-3, 5.0)
     assert beside.takes(coarse)  # and it goes on
 
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from contacts_support import disc, off
 from process_support import python
 
 from tomotactile_ros.cli import main
@@ -14,7 +15,6 @@ from tomotactile_ros.frame import Frame
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.reconstruction.deadline import Within, period_of
-from tomotactile_ros.scenes.contact import Contact
 from tomotactile_ros.scenes.scene import load_scene
 from tomotactile_ros.simulation import Simulator
 from tomotactile_ros.support.errors import InputError
@@ -37,43 +37,34 @@ def frames(layout):
     return [simulator.measure(i * lasts, i) for i in range(6)]
 
 
-class Gate:
-    """A search that ends when it is told to."""
+@pytest.fixture(scope="module")
+def nine(layout):
+    """A frame of nine fingertips of 2 N on 4 x 4, whose image has no discs that explain it."""
+    places = 0.05 * (np.indices((3, 3)).reshape(2, -1).T - 1)
+    touches = tuple(disc(*place, 0.012, force=2.0) for place in places)
+    return Simulator(layout, replace(load_scene("default"), contacts=touches)).measure(0.0)
 
-    def __init__(self, outcome="found"):
-        self.opened, self.outcome = threading.Event(), outcome
+
+def gated(pipeline):
+    """Searches of the pipeline wait for this to be set from now on."""
+    gate, search = threading.Event(), pipeline._process
+    pipeline._process = lambda given: (gate.wait(LIMIT), search(given))[1]
+    return gate
+
+
+class Gate:
+    """A search that fails when it is told to."""
+
+    def __init__(self, error):
+        self.opened, self.error = threading.Event(), error
 
     def __call__(self):
         assert self.opened.wait(LIMIT)
-        if isinstance(self.outcome, Exception):
-            raise self.outcome
-        return self.outcome
+        raise self.error
 
 
 def anything(found):
     return True
-
-
-def test_a_search_that_ends_in_time_is_the_result():
-    within = Within()
-    assert within.result(lambda: "found", lambda: "seen", LIMIT, anything) == "found"
-    assert not within.busy and within.taken_late() is None
-
-
-def test_a_search_that_takes_longer_is_the_result_of_the_call_in_which_it_ends():
-    within, first, second = Within(), Gate("first"), Gate("second")
-    assert within.result(first, lambda: "seen", AT_ONCE, anything) == "seen"
-    assert within.busy
-    assert within.result(second, lambda: "seen", AT_ONCE, anything) == "seen"
-    first.opened.set()
-    # the time until then is what a glance takes: it has to be the shorter one
-    while within.result(second, lambda: "seen", 0.05, anything) != "first":
-        pass
-    second.opened.set()
-    within._job.wait(LIMIT)
-    assert within.result(lambda: "third", lambda: "seen", LIMIT, anything) == "third"
-    assert within.taken_late() == "second"
-    assert within.taken_late() is None  # it is told once
 
 
 def test_a_search_from_before_a_clock_was_set_back_is_nobodys(layout, frames):
@@ -88,29 +79,28 @@ def test_a_search_from_before_a_clock_was_set_back_is_nobodys(layout, frames):
     assert [r.holds <= 0.016 for r in results] == [True, True]
 
 
-def test_errors_are_those_of_the_frame_that_they_are_about():
-    within = Within()
-    with pytest.raises(InputError, match="of the search"):
-        within.result(_fails("of the search"), lambda: "seen", LIMIT, anything)
-    gate = Gate(InputError("of a frame before"))
-    with pytest.raises(InputError, match="of the glance"):
-        within.result(gate, _fails("of the glance"), AT_ONCE, anything)
-    within, gate = Within(), Gate(InputError("of a frame before"))
-    within.result(gate, lambda: "seen", AT_ONCE, anything)
-    gate.opened.set()
-    assert within.result(lambda: "found", lambda: "seen", LIMIT, anything) == "found"
-    within, gate = Within(), Gate(RuntimeError("a defect"))
-    within.result(gate, lambda: "seen", AT_ONCE, anything)
-    gate.opened.set()
-    with pytest.raises(RuntimeError, match="a defect"):
-        within.result(lambda: "found", lambda: "seen", LIMIT, anything)
-
-
-def _fails(why):
+def fails(why):
     def fail():
         raise InputError(why)
 
     return fail
+
+
+def test_errors_are_those_of_the_frame_that_they_are_about():
+    within, before = Within(), InputError("of a frame before")
+    with pytest.raises(InputError, match="of the search"):
+        within.result(fails("of the search"), lambda: "seen", LIMIT, anything)
+    with pytest.raises(InputError, match="of the glance"):
+        within.result(Gate(before), fails("of the glance"), AT_ONCE, anything)
+    for error in (before, RuntimeError("a defect")):
+        within, gate = Within(), Gate(error)
+        within.result(gate, lambda: "seen", AT_ONCE, anything)
+        gate.opened.set()
+        if error is before:
+            assert within.result(lambda: "found", lambda: "seen", LIMIT, anything) == "found"
+        else:
+            with pytest.raises(RuntimeError, match="a defect"):
+                within.result(lambda: "found", lambda: "seen", LIMIT, anything)
 
 
 def test_a_search_is_stopped_between_two_steps():
@@ -168,51 +158,32 @@ def test_a_glance_is_right_within_its_deviations(layout, frames, profile):
     truth = load_scene("default").truth(frames[0].stamp)
     assert result.state == "valid"
     for contact in result.contacts:
-        apart = min(np.hypot(contact.x - t["x"], contact.y - t["y"]) for t in truth)
+        apart = min(off(contact, (t["x"], t["y"])) for t in truth)
         assert apart < 3 * np.sqrt(max(contact.position_covariance[::3])) + 1e-3
     assert np.isfinite(result.contacts[0].force_std)
 
 
-def test_what_no_image_explains_is_told_as_one_contact_or_withheld(layout):
-    """Nine fingertips on 4 x 4: their image has no discs that explain it."""
-    places = 0.05 * (np.indices((3, 3)).reshape(2, -1).T - 1)
-    scene = load_scene("default")
-    touches = [
-        {"shape": "disc", "center": place.tolist(), "radius": 0.012, "force": 2.0}
-        for place in places
-    ]
-    simulator = Simulator(layout, _with_contacts(scene, touches))
-    frame = simulator.measure(0.0)
+def test_what_no_image_explains_is_told_as_one_contact_or_withheld(layout, nine):
     pipeline = Pipeline(layout, Settings("accurate", deadline=AT_ONCE))
-    result = pipeline.process(frame)
+    result = pipeline.process(nine)
     pipeline.stop()
     assert not result.complete and not result.idle
     (contact,) = result.contacts
     deviation = np.sqrt(max(contact.position_covariance[::3]))
-    assert np.hypot(contact.x, contact.y) < deviation and deviation > 0.03
+    assert off(contact, (0, 0)) < deviation and deviation > 0.03
     assert abs(contact.force - 18.0) < 2 * contact.force_std
     assert contact.id == 0  # it is none that can be followed
 
 
-def test_what_stands_for_all_releases_no_contact_that_lasts(layout, frames):
+def test_what_stands_for_all_releases_no_contact_that_lasts(layout, frames, nine):
     """In the place of two that were known it was a release of both: the image is shown, contacts are withheld."""
     pipeline = Pipeline(layout, Settings("accurate"))
     known = pipeline.process(frames[0])
-    touches = [
-        {"shape": "disc", "center": [x, y], "radius": 0.012, "force": 2.0}
-        for x in (-0.05, 0.0, 0.05)
-        for y in (-0.05, 0.0, 0.05)
-    ]
-    many = Simulator(layout, _with_contacts(load_scene("default"), touches)).measure(0.0)
-    cut = pipeline.process(replace(many, stamp=frames[1].stamp), deadline=AT_ONCE)
+    cut = pipeline.process(replace(nine, stamp=frames[1].stamp), deadline=AT_ONCE)
     pipeline.stop()
     assert known.contacts and cut.contacts == [] and not cut.complete
     assert cut.state == "withheld" and "deadline" in cut.reason
     assert cut.pressure[np.isfinite(cut.pressure)].max() > 0
-
-
-def _with_contacts(scene, touches):
-    return replace(scene, contacts=tuple(Contact(**each) for each in touches), noise=scene.noise)
 
 
 def test_a_search_that_ended_late_is_where_the_next_begins(layout, frames):
@@ -231,55 +202,42 @@ def test_a_search_that_ended_late_is_where_the_next_begins(layout, frames):
     assert np.allclose(*found, atol=1e-6)
 
 
-def test_what_rows_have_told_since_makes_a_late_result_none(layout, frames):
+@pytest.mark.parametrize("rows", [False, True])
+def test_a_late_result_says_for_when_it_holds_and_is_none_where_rows_have_told_since(
+    layout, frames, rows
+):
     """One of minutes ago, when rows had not been known yet, was told where they were lost for a moment: as the clock
     that frames and rows have was thought to be set back, all contacts got other numbers."""
     pipeline = Pipeline(layout, Settings("balanced"))
-    gate, search = threading.Event(), pipeline._process
-    pipeline._process = lambda given: (gate.wait(LIMIT), search(given))[1]
-    pipeline.process(frames[0], deadline=AT_ONCE)
+    gate = gated(pipeline)
+    first = pipeline.process(frames[0], deadline=AT_ONCE)
     gate.set()
     pipeline._within._job.wait(LIMIT)
-    state = pipeline.rows()
-    for i in range(2 * layout.electrodes):
-        frame, ground = frames[i // layout.electrodes], i % layout.electrodes
-        row, time = frame.voltages[ground], frame.stamp + ground * frame.row_period
-        said = pipeline.process_row(
-            row, int(frame.grounded[ground]), frame.drive_voltage, time, state
-        )
+    state, count = pipeline.rows(), layout.electrodes
+    for i in range(2 * count if rows else 0):
+        frame, ground = frames[i // count], i % count
+        time = frame.stamp + ground * frame.row_period
+        said = pipeline.process_row(frame.voltages[ground], ground, 3.3, time, state)
     gate.clear()
-    told = pipeline.process(frames[2], deadline=0.2)
+    late = pipeline.process(frames[2 if rows else 1], deadline=0.2)
     gate.set()
     pipeline.stop()
-    assert said.state == "valid" and told.holds >= 0
+    lasts = frames[0].row_period * (count - 1)
+    assert not first.complete and first.holds == pytest.approx(lasts / 2)
+    if rows:
+        assert said.state == "valid" and late.holds >= 0
+    else:
+        assert not late.complete
+        ends = frames[0].stamp + lasts
+        assert frames[1].stamp + late.holds == pytest.approx(ends, abs=1e-9)
 
 
-def test_a_late_result_says_for_when_it_holds(layout, frames):
-    pipeline = Pipeline(layout, Settings("balanced"))
-    gate, search = threading.Event(), pipeline._process
-    pipeline._process = lambda given: (gate.wait(LIMIT), search(given))[1]
-    told = [pipeline.process(frames[0], deadline=AT_ONCE)]
-    gate.set()
-    pipeline._within._job.wait(LIMIT)
-    gate.clear()
-    told.append(pipeline.process(frames[1], deadline=0.2))
-    gate.set()
-    pipeline.stop()
-    assert [result.complete for result in told] == [False, False]
-    lasts = frames[0].row_period * (layout.electrodes - 1)
-    assert frames[1].stamp + told[1].holds == pytest.approx(frames[0].stamp + lasts, abs=1e-9)
-    assert told[0].holds == pytest.approx(lasts / 2)
-
-
-def test_profile_auto_is_accurate_in_time():
+def test_deadlines_and_periods():
     assert Settings("auto").deadline == 0.05 and Settings("accurate").deadline is None
     assert Settings("auto", deadline=0.2).deadline == 0.2
-
-
-def test_the_time_of_a_frame_is_that_until_the_next():
     frame = Frame(np.zeros((16, 16)), np.arange(16), row_period=2e-3)
     assert period_of(frame) == pytest.approx(0.032)
-    assert period_of(Frame(np.zeros((16, 16)), np.arange(16))) == 0.05
+    assert period_of(replace(frame, row_period=0.0)) == 0.05
 
 
 def test_images_and_contacts_are_asked_for_one_by_one(layout, frames):
@@ -316,23 +274,21 @@ def test_what_cannot_be_done_is_refused(given, why):
 
 def test_the_command_says_which_results_are_complete(tmp_path, capsys):
     recorded, out = tmp_path / "frames.npz", tmp_path / "result.npz"
-    common = ["--layout", "equal-4x4", "--out"]
-    scene = ["simulate", "--scene", "default", "--frames", "3", *common, recorded]
-    assert main(list(map(str, scene))) == 0
-    asked = ["reconstruct", recorded, *common, out]
-    assert main(list(map(str, [*asked, "--profile", "accurate", "--deadline", "60"]))) == 0
-    with np.load(out) as kept:
-        assert kept["complete"].tolist() == [True, True, True]
+
+    def run(*words):
+        return main([*map(str, words), "--layout", "equal-4x4"])
+
+    def kept(*words):
+        assert run("reconstruct", recorded, "--out", out, *words) == 0
+        with np.load(out) as file:
+            return {name: file[name] for name in file}
+
+    assert run("simulate", "--scene", "default", "--frames", "3", "--out", recorded) == 0
+    accurate = kept("--profile", "accurate", "--deadline", "60")
+    assert accurate["complete"].tolist() == [True, True, True]
     assert "within 6e+04 ms" in capsys.readouterr().out
-    assert main(list(map(str, [*asked, "--image", "none"]))) == 0
-    with np.load(out) as kept:
-        assert "pressure" not in kept and len(json.loads(str(kept["contacts"]))[0]) == 2
-    assert main(list(map(str, [*asked, "--no-contacts"]))) == 0
-    with np.load(out) as kept:
-        assert json.loads(str(kept["contacts"])) == [[], [], []]
-        assert np.nanmax(kept["potential"]) > 0
-    assert main(list(map(str, [*asked, "--no-contacts", "--image", "none"]))) == 2
-    assert "nothing to do" in capsys.readouterr().err
+    contacts = kept("--image", "none")
+    assert "pressure" not in contacts and len(json.loads(str(contacts["contacts"]))[0]) == 2
 
 
 def test_rows_are_told_once_what_a_search_found_late(layout, frames):
@@ -364,8 +320,7 @@ def test_neither_a_withheld_frame_nor_a_glance_ends_a_contact(layout, frames):
     glance, shows = pipeline._glance, frames[2]
     rest = replace(shows, voltages=np.zeros((16, 16)))
     pipeline._glance = lambda given: glance(given._replace(voltages=rest.voltages))
-    gate, search = threading.Event(), pipeline._process
-    pipeline._process = lambda given: (gate.wait(LIMIT), search(given))[1]
+    gate = gated(pipeline)
     cut = pipeline.process(shows, deadline=AT_ONCE)
     gate.set()
     pipeline.stop()

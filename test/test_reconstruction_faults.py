@@ -4,117 +4,98 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from contacts_support import DRIVE, LAW, NOISE, deviations_off, disc, frames_of, off, places, sensor
 
 from tomotactile_ros.estimation import screening
 from tomotactile_ros.estimation.screening import clipped
 from tomotactile_ros.evaluation.scoring import score_frame
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.reconstruction import Pipeline, Settings
-from tomotactile_ros.scenes.contact import Contact, ContactLaw
+from tomotactile_ros.scenes.contact import Contact
 from tomotactile_ros.scenes.course import Tap
-from tomotactile_ros.scenes.defects import Adc, Noise
-from tomotactile_ros.scenes.scene import Scene, load_scene
+from tomotactile_ros.scenes.scene import load_scene
 from tomotactile_ros.simulation import ROW_PERIOD, Simulator
-from tomotactile_ros.view.contact_lines import contact_lines
 
-LAYOUT, DRIVE, LAW = load_layout("equal-8x8"), 3.3, ContactLaw(1e-4, 1.0)
+LAYOUT = load_layout("equal-8x8")
 
 
-def results(places, pressures, wires, seed, spoil):
-    """Of two frames with ten times the noise that was said, and two wires swapped; `spoil` adds to
-    that."""
-    discs = [
-        Contact("disc", center=tuple(place), radius=0.006, pressure=pressure)
-        for place, pressure in zip(places, pressures)
-    ]
-    scene = Scene("two", DRIVE, discs, LAW, Noise(1e-2, seed), Adc(12, DRIVE))
-    simulator = Simulator(LAYOUT, scene, row_period=ROW_PERIOD)
-    pipeline = Pipeline(LAYOUT, Settings("accurate", noise=1e-3, contact_law=LAW))
-    for number in range(2):
-        frame = np.array(simulator.frame(64 * number * ROW_PERIOD, number))
+def clipped_at_90_percent(frame):
+    return np.minimum(frame, np.nanquantile(frame, 0.9))
+
+
+def open_ground(frame):
+    frame[12] = DRIVE
+    return frame
+
+
+@pytest.mark.parametrize(
+    "true, pressures, wires, seed, spoil",
+    [
+        # what two last rows said by themselves, as if something had changed, was a contact 20 mm off, and valid
+        (((10.3, 3.9), (36.9, 44.0)), (1.36e4, 1.1e4), [39, 41], 45, clipped_at_90_percent),
+        # 6 standard deviations were left over of each reading
+        (((-17.6, 38.1), (24.0, 29.3)), (1.268e4, 1.766e4), [32, 27], 61, open_ground),
+    ],
+    ids=["end of the range", "open ground"],
+)
+def test_ten_times_the_noise_swapped_wires_and_more(true, pressures, wires, seed, spoil):
+    """Nothing is told, or every contact is where one is and none is missing."""
+    true = 1e-3 * np.array(true)
+    discs = [disc(*place, pressure=p) for place, p in zip(true, pressures)]
+    pipeline = Pipeline(LAYOUT, Settings("accurate", noise=NOISE, contact_law=LAW))
+    for frame in frames_of(sensor(LAYOUT, *discs, noise=1e-2, seed=seed), 2):
         frame = spoil(frame)
         frame[:, wires] = frame[:, wires[::-1]]
         frame[wires] = frame[wires[::-1]]
         np.fill_diagonal(frame, np.nan)
-        yield pipeline.process(frame, np.arange(64), DRIVE, ROW_PERIOD)
+        result = pipeline.process(frame, np.arange(64), DRIVE, ROW_PERIOD)
+        found = places(result.contacts)
+        apart = np.hypot(*(true[:, None] - found).transpose(2, 0, 1))
+        complete = found.size and max(apart.min(axis=0).max(), apart.min(axis=1).max()) < 5e-3
+        assert result.reason or complete
 
 
-def right(result, places) -> bool:
-    """Whether nothing is told, or every contact is where one is and none is missing."""
-    found = np.array([(c.x, c.y) for c in result.contacts]).reshape(-1, 2)
-    apart = np.hypot(*(np.array(places)[:, None] - found).transpose(2, 0, 1))
-    complete = found.size > 0 and max(apart.min(axis=0).max(), apart.min(axis=1).max()) < 5e-3
-    return bool(result.reason) or complete
-
-
-def test_two_last_rows_of_a_broken_sensor_are_no_change():
-    """Swapped wires and ten times the noise contradicted reciprocity, as a change does; what two rows
-    said by themselves was a contact 20 mm off, and valid."""
-    places = (0.0103, 0.0039), (0.0369, 0.0440)
-
-    def clipped(frame):
-        return np.minimum(frame, np.nanquantile(frame, 0.9))
-
-    for each in results(places, (1.36e4, 1.1e4), [39, 41], 45, clipped):
-        assert right(each, places)
-
-
-def test_more_noise_than_was_said_is_no_reason_for_more_that_is_left_over():
-    """With a ground that is open besides, 6 standard deviations were left over of each reading."""
-    places = (-0.0176, 0.0381), (0.024, 0.0293)
-
-    def open_ground(frame):
-        frame[12] = DRIVE
-        return frame
-
-    for each in results(places, (1.268e4, 1.766e4), [32, 27], 61, open_ground):
-        assert right(each, places)
-
-
-@pytest.mark.parametrize("profile, law", [("fast", None), ("accurate", ContactLaw(0.1, 1.0))])
-def test_an_electrode_under_a_conductor_is_not_named(profile, law):
-    """It reads the drive voltage in all rows, as the experiment of the paper has it."""
-    eight = load_layout("equal-8x8")
-    place = eight.positions[36]
-    contact = Contact("disc", center=place.tolist(), radius=0.005, pressure=20000.0)
-    noise, adc = Noise(0.001, 1), Adc(12, 3.3)
-    scene = Scene("covered", 3.3, (contact,), law, noise, adc)
-    frame = Simulator(eight, scene).measure(0.0)
-    result = Pipeline(eight, Settings(profile, contact_law=law)).process(frame)
-    (found,) = result.contacts
-    assert np.hypot(found.x - place[0], found.y - place[1]) < 1e-3
-    assert result.faults == {} and result.excluded == ()
-    if law is not None:  # as good as bare: what it conducts is not told by readings
-        assert found.force_std == np.inf and found.force < scene.truth(0.0)[0]["force"]
-        assert "at least" in repr(found) and "at least" in contact_lines([found])[0]
+COVERED = [(*(1e3 * LAYOUT.positions[36]), 5.0)]
+PAIR = [
+    (14.29, 14.29, 5.0),
+    (-17.71, 14.29, 5.0),
+]  # one upon an electrode, one at the rim of another
 
 
 @pytest.mark.parametrize(
-    "profile, discs",
+    "profile, law, discs, within",
     [
+        # reads the drive voltage in all rows, as the experiment of the paper has it
+        ("fast", None, COVERED, 1.0),
+        ("accurate", None, COVERED, 1.0),
+        # one was reported, between them: what both electrodes read was taken for that of broken channels
+        ("fast", None, PAIR, 1.0),
+        ("accurate", None, PAIR, 1.0),
         # the first was not reported: how well it conducts no reading told
-        ("accurate", [(85.7, -28.6, 6.8), (14.7, -14.4, 9.5)]),
-        ("balanced", [(27.5, 14.8, 5.0), (-85.7, 0.0, 7.3)]),
-        # 7 and 42 were named
-        ("balanced", [(98.6, -98.7, 10.5), (-42.1, 31.4, 10.3), (19.8, 76.0, 4.4)]),
+        ("accurate", LAW, [(85.7, -28.6, 6.8), (14.7, -14.4, 9.5)], None),
+        ("balanced", LAW, [(27.5, 14.8, 5.0), (-85.7, 0.0, 7.3)], None),
+        # 7 and 42 were named; the corner is seen worst
+        ("balanced", LAW, [(98.6, -98.7, 10.5), (-42.1, 31.4, 10.3), (19.8, 76.0, 4.4)], None),
     ],
 )
-def test_bare_conductors_on_electrodes_are_found_and_no_electrode_is_named(profile, discs):
-    contacts = tuple(
-        Contact("disc", center=(x / 1e3, y / 1e3), radius=radius / 1e3) for x, y, radius in discs
-    )
-    scene = Scene("bare", 3.3, contacts, ContactLaw(1e-4, 1.0), Noise(0.001, 1), Adc(12, 3.3))
-    result = Pipeline(LAYOUT, Settings(profile)).process(Simulator(LAYOUT, scene).measure(0.0))
-    assert result.faults == {} and len(result.contacts) == len(discs)
-    for x, y, radius in discs:  # the corner is seen worst
-        apart = [np.hypot(c.x - x / 1e3, c.y - y / 1e3) for c in result.contacts]
-        assert min(apart) < radius / 1e3
+def test_bare_conductors_on_electrodes_are_found_and_no_electrode_is_named(
+    profile, law, discs, within
+):
+    """To `within` mm, or their radius."""
+    true = [disc(x / 1e3, y / 1e3, radius / 1e3) for x, y, radius in discs]
+    pipeline = Pipeline(LAYOUT, Settings(profile, contact_law=law))
+    for frame in frames_of(sensor(LAYOUT, *true, law=law), 2 if law is None else 1):
+        result = pipeline.process(frame, np.arange(64), DRIVE, ROW_PERIOD)
+        assert result.faults == {} and result.excluded == () and not result.reason
+        assert len(result.contacts) == len(discs)
+        for each in true:
+            limit = 1e-3 * within if within else each.radius
+            assert min(off(c, each.center) for c in result.contacts) < limit
 
 
 def test_a_plate_over_two_electrodes_breaks_none_of_them():
     plate = Contact("rectangle", center=(0.0714, 0.0857), size=(0.0406, 0.012), angle=90.0)
-    scene = Scene("plate", 3.3, (plate,), ContactLaw(1e-4, 1.0), Noise(0.001, 1), Adc(12, 3.3))
-    result = Pipeline(LAYOUT, Settings("accurate")).process(Simulator(LAYOUT, scene).measure(0.0))
+    result = Pipeline(LAYOUT, Settings("accurate")).process(sensor(LAYOUT, plate).measure(0.0))
     assert result.contacts and result.faults == {} and result.excluded == ()
 
 
@@ -135,15 +116,12 @@ def test_one_reading_at_the_end_of_the_converter_is_left_out(bits):
 @pytest.mark.parametrize("stuck", [36, 12])
 def test_a_channel_that_stands_still_is_named(profile, stuck):
     """Under a contact it does if it is not at the drive voltage; beside one also there."""
-    eight = load_layout("equal-8x8")
-    contact = Contact("disc", center=eight.positions[36].tolist(), radius=0.005, pressure=20000.0)
-    scene = Scene("stuck", 3.3, (contact,), ContactLaw(1e-4, 1.0), Noise(0.001, 1), Adc(12, 3.3))
-    frame = Simulator(eight, scene).measure(0.0)
+    press = disc(*LAYOUT.positions[36], 0.005, pressure=20000.0)
+    frame = sensor(LAYOUT, press).measure(0.0)
     frame.voltages[:, stuck] = 1.0 if stuck == 36 else 3.3
-    result = Pipeline(eight, Settings(profile)).process(frame)
-    assert (
-        len(result.contacts) == 1 and list(result.faults) == [stuck] and result.excluded == (stuck,)
-    )
+    result = Pipeline(LAYOUT, Settings(profile)).process(frame)
+    assert len(result.contacts) == 1
+    assert list(result.faults) == [stuck] and result.excluded == (stuck,)
 
 
 @pytest.mark.parametrize("profile", ["fast", "accurate"])
@@ -161,19 +139,11 @@ def test_a_channel_that_stands_still_is_named(profile, stuck):
 def test_a_touch_that_begins_is_no_fault(profile, place, force, radius, begun, lasts):
     """Of a healthy sensor no channel is named, and contacts are withheld at most in a frame of which a
     row or two were touched."""
-    four = load_layout("equal-4x4")
-    period = 16 * ROW_PERIOD
-    contact = Contact(
-        "disc",
-        center=[1e-3 * value for value in place],
-        radius=1e-3 * radius,
-        force=force,
-        profile="hertz",
-        start=begun * period,
-        course=Tap(lasts, 10.0) if lasts else None,
-    )
-    scene = Scene("tap", 3.3, (contact,), LAW, Noise(0.001, 6), Adc(12, 3.3))
-    simulator, pipeline = Simulator(four, scene), Pipeline(four, Settings(profile))
+    four, period = load_layout("equal-4x4"), 16 * ROW_PERIOD
+    place, course = 1e-3 * np.array(place), Tap(lasts, 10.0) if lasts else None
+    more = {"profile": "hertz", "start": begun * period, "course": course}
+    contact = disc(*place, 1e-3 * radius, force=force, **more)
+    simulator, pipeline = sensor(four, contact, seed=6), Pipeline(four, Settings(profile))
     for number in range(6):
         result = pipeline.process(simulator.measure(number * period, number))
         assert result.faults == {} and result.excluded == ()
@@ -181,82 +151,47 @@ def test_a_touch_that_begins_is_no_fault(profile, place, force, radius, begun, l
         assert not result.reason or 0 < touched < 3
         if touched > 3:
             (found,) = result.contacts
-            apart = 1e3 * np.hypot(found.x - contact.center[0], found.y - contact.center[1])
-            assert apart < 10
+            assert off(found, place) < 0.01
+
+
+PERIOD = 16 * ROW_PERIOD
+BLOCK = {"size": (0.01628, 0.00814), "angle": 123.1, "force": 2.635}
 
 
 @pytest.mark.parametrize(
-    "layout, contacts, seed",
+    "layout, seed, presses",
     [
-        (  # 0 and 9 seemed to be exchanged: the first row was untouched
-            "optimized-4x4",
-            [("disc", (-83.53, -25.97), {"radius": 0.01664}, 3.488, 2.00186, 5.814)],
-            71,
-        ),
-        (  # 14 and 15 contradicted all others: one of two had ended before they were grounded
+        # 0 and 9 seemed to be exchanged: the first row was untouched
+        ("optimized-4x4", 71, [((-0.08353, -0.02597, 0.01664, 3.488), 2.00186, 5.814)]),
+        # 14 and 15 contradicted all others: one of two had ended before they were grounded
+        (
             "touch-4x4",
-            [
-                ("disc", (57.68, 85.93), {"radius": 0.00811}, 3.284, 2.8549, np.inf),
-                (
-                    "rectangle",
-                    (-58.03, -78.97),
-                    {"size": (0.01628, 0.00814), "angle": 123.1},
-                    2.635,
-                    2.393,
-                    4.815,
-                ),
-            ],
             2,
+            [((0.05768, 0.08593, 0.00811, 3.284), 2.8549, np.inf), (BLOCK, 2.393, 4.815)],
         ),
     ],
 )
-def test_what_begins_or_ends_within_a_frame_is_no_fault(layout, contacts, seed):
-    layout, period = load_layout(layout), 16 * ROW_PERIOD
-    presses = [
-        Contact(
-            shape,
-            center=[1e-3 * value for value in place],
-            force=force,
-            start=begins * period,
-            end=ends * period,
-            **form,
-        )
-        for shape, place, form, force, begins, ends in contacts
-    ]
-    scene = Scene("taps", DRIVE, presses, LAW, Noise(1e-3, seed), Adc(12, DRIVE))
-    simulator, pipeline = Simulator(layout, scene), Pipeline(layout, Settings("accurate"))
+def test_what_begins_or_ends_within_a_frame_is_no_fault(layout, seed, presses):
+    layout, contacts = load_layout(layout), []
+    for form, begins, ends in presses:
+        times = {"start": begins * PERIOD, "end": ends * PERIOD}
+        if form is BLOCK:
+            contacts.append(Contact("rectangle", center=(-0.05803, -0.07897), **form, **times))
+        else:
+            contacts.append(disc(*form[:3], force=form[3], **times))
+    simulator = sensor(layout, *contacts, seed=seed)
+    pipeline = Pipeline(layout, Settings("accurate"))
     for number in range(7):
-        result = pipeline.process(simulator.measure(number * period, number))
+        result = pipeline.process(simulator.measure(number * PERIOD, number))
         assert result.faults == {} and result.excluded == (), number
-
-
-@pytest.mark.parametrize("profile", ["fast", "accurate"])
-def test_an_electrode_under_a_conductor_is_not_left_out(profile):
-    """Of two bare contacts 32 mm apart, one upon an electrode and one at the rim of another, one was
-    reported, between them: what both electrodes read was taken for that of broken channels."""
-    discs = [
-        Contact("disc", center=(x, 0.01429), radius=0.005, pressure=20000.0)
-        for x in (0.01429, -0.01771)
-    ]
-    scene = Scene("bare", DRIVE, discs, noise=Noise(1e-3), adc=Adc(12, DRIVE))
-    simulator = Simulator(LAYOUT, scene)
-    pipeline = Pipeline(LAYOUT, Settings(profile, contact_law=None))
-    for number in range(2):
-        result = pipeline.process(simulator.measure(0.064 * number, number))
-        assert not result.reason and result.faults == {} and result.excluded == ()
-        found = sorted((c.x, c.y) for c in result.contacts)
-        assert np.allclose(found, sorted(tuple(each.center) for each in discs), atol=1e-3)
 
 
 def test_rows_follow_a_conductor_on_an_electrode():
     """Its row, in which all is at the drive voltage, kept frames from being whole, and readings that are as high as
     the drive were taken for the end of the converter's range."""
-    discs = [
-        Contact("disc", center=(x, 0.01429), radius=0.005, pressure=20000.0)
-        for x in (0.01429, -0.01771)
-    ]
-    scene = Scene("bare", DRIVE, discs, noise=Noise(1e-3), adc=Adc(12, DRIVE))
-    simulator, pipeline = Simulator(LAYOUT, scene), Pipeline(LAYOUT, Settings(contact_law=None))
+    true = sorted((x / 1e3, y / 1e3) for x, y, _ in PAIR)
+    simulator = sensor(LAYOUT, *(disc(*each, 0.005) for each in true), seed=0)
+    pipeline = Pipeline(LAYOUT, Settings(contact_law=None))
     state = pipeline.rows()
     for number in range(3):
         frame = simulator.measure(0.064 * number, number)
@@ -264,8 +199,7 @@ def test_rows_follow_a_conductor_on_an_electrode():
             time = frame.stamp + i * frame.row_period
             result = pipeline.process_row(row, int(at), DRIVE, time, state)
             assert number == 0 or (not result.reason and result.faults == {}), (number, at)
-    found = sorted((c.x, c.y) for c in result.contacts)
-    assert np.allclose(found, sorted(tuple(each.center) for each in discs), atol=2e-3)
+    assert np.allclose(sorted((c.x, c.y) for c in result.contacts), true, atol=2e-3)
 
 
 @pytest.mark.parametrize(
@@ -275,25 +209,20 @@ def test_rows_follow_a_conductor_on_an_electrode():
         ((-0.02134, -0.07539), 0.00539),
         ((0.00784, -0.01103), 0.00478),
         ((-0.0722, 0.04906), 0.00634),
+        # the current through the gap is not known: withheld, several contacts, or 3.5 mm off
+        ((0.01357, 0.01017), 0.00347),
+        ((-0.07545, 0.01968), 0.00439),
+        ((0.06291, 0.06702), 0.00772),
+        ((-0.00881, -0.06767), 0.00566),
     ],
 )
 def test_a_bare_conductor_that_touches_the_rim_of_an_electrode_is_as_unsure_as_it_is_wrong(
     place, radius
 ):
     """0.4 to 0.9 mm off, known to 0.07."""
-    layout = load_layout("equal-8x8")
-    scene = Scene(
-        "bare",
-        DRIVE,
-        (Contact("disc", place, radius=radius),),
-        noise=Noise(1e-3),
-        adc=Adc(12, DRIVE),
-    )
-    pipeline = Pipeline(layout, Settings("accurate"))
-    (contact,) = pipeline.process(Simulator(layout, scene).measure(0.0)).contacts
-    way = np.array([contact.x, contact.y]) - place
-    spread = np.reshape(contact.position_covariance, (2, 2))
-    assert way @ np.linalg.solve(spread, way) < 6.0
+    frame = sensor(LAYOUT, disc(*place, radius), law=None, seed=0).measure(0.0)
+    (contact,) = Pipeline(LAYOUT, Settings("accurate")).process(frame).contacts
+    assert deviations_off(contact, place) < 6.0
 
 
 @pytest.mark.parametrize("profile", ["fast", "accurate"])
