@@ -249,6 +249,13 @@ def test_an_untouched_sheet_tells_nothing_of_itself():
     assert not solve(OPERATOR, rest, rows_of(read, 3e-4), unknown(OPERATOR)).unknowns.sheet.any()
 
 
+def test_the_centre_of_a_disc_that_covers_a_part_of_an_electrode_is_its_own():
+    place = OPERATOR.layout.positions[5] + (0.004, 0.001)
+    (form,) = pressed(contact(*place, 0.005)).contacts
+    touches = Touches(OPERATOR, form[None], (14,), np.zeros(OPERATOR.modes))
+    np.testing.assert_allclose(touches.centre(0), place, atol=1e-5)
+
+
 @pytest.mark.parametrize("uneven", [0.0, 0.3], ids=["even", "uneven"])
 def test_a_floating_electrode_is_one_that_is_never_there(uneven):
     """15 electrodes read what they read among 16, but for the bound of g near 1/c = D."""

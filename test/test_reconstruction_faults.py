@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from contacts_support import DRIVE, LAW, NOISE, deviations_off, disc, frames_of, off, places, sensor
 
+from tomotactile_ros.bench.reference import ReferenceSheet, reference_frame
 from tomotactile_ros.estimation import screening
 from tomotactile_ros.estimation.screening import clipped
 from tomotactile_ros.evaluation.scoring import score_frame
@@ -209,11 +210,6 @@ def test_rows_follow_a_conductor_on_an_electrode():
         ((-0.02134, -0.07539), 0.00539),
         ((0.00784, -0.01103), 0.00478),
         ((-0.0722, 0.04906), 0.00634),
-        # the current through the gap is not known: withheld, several contacts, or 3.5 mm off
-        ((0.01357, 0.01017), 0.00347),
-        ((-0.07545, 0.01968), 0.00439),
-        ((0.06291, 0.06702), 0.00772),
-        ((-0.00881, -0.06767), 0.00566),
     ],
 )
 def test_a_bare_conductor_that_touches_the_rim_of_an_electrode_is_as_unsure_as_it_is_wrong(
@@ -223,6 +219,22 @@ def test_a_bare_conductor_that_touches_the_rim_of_an_electrode_is_as_unsure_as_i
     frame = sensor(LAYOUT, disc(*place, radius), law=None, seed=0).measure(0.0)
     (contact,) = Pipeline(LAYOUT, Settings("accurate")).process(frame).contacts
     assert deviations_off(contact, place) < 6.0
+
+
+@pytest.mark.parametrize(
+    "place, radius",
+    [((0.01357, 0.01017), 0.00347), ((-0.07545, 0.01968), 0.00439), ((0.06291, 0.06702), 0.00772)],
+    ids=["withheld", "three discs, 3.7 mm off", "cells, 3.5 mm off"],
+)
+def test_what_flows_between_a_bare_conductor_and_an_electrode_beside_it_is_not_believed(
+    place, radius
+):
+    """What became of them while the row of that electrode was; readings by the reference model."""
+    solved = ReferenceSheet(LAYOUT).solve([(disc(*place, radius), 1e4)])
+    frame = reference_frame(solved, DRIVE) + np.random.default_rng(0).normal(0, 1e-3, (64, 64))
+    pipeline = Pipeline(LAYOUT, Settings("accurate", contact_law=None))
+    (contact,) = pipeline.process(frame, LAYOUT.grounded, DRIVE).contacts
+    assert deviations_off(contact, place) < 6.0 and off(contact, place) < 2e-3
 
 
 @pytest.mark.parametrize("profile", ["fast", "accurate"])

@@ -399,9 +399,12 @@ std::array<Matrix, 2> Touches::share_slopes(Index i) const {
 }
 
 Eigen::Vector2d Touches::centre(Index i) const {
-  const Eigen::Vector2d mass = place_.middleCols(begin(i), size(i)) * weight.segment(begin(i), size(i)) +
-                               sheet->tables().used * direct.col(i);
-  return mass / covered[i];
+  Vector mass = weight.segment(begin(i), size(i));
+  for (Index p = 0; p < size(i); ++p) {
+    const Index at = begin(i) + p;
+    if (electrode_[at] < sheet->count()) mass[p] += on_[at] * (1 - off_[at]);
+  }
+  return forms_[i].places * mass / covered[i];
 }
 
 }  // namespace tomotactile

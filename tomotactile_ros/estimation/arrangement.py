@@ -122,13 +122,17 @@ def overlaps(contacts: np.ndarray, which: int) -> bool:
     return bool((apart < _OVERLAP * reach).any())
 
 
-def merged(unknowns: Unknowns, which: int) -> Unknowns:
-    """The same without contact `which`, whose conductance its nearest neighbour takes over."""
+def merged(unknowns: Unknowns, which: int, bare: np.ndarray) -> Unknowns:
+    """The same without contact `which`, whose place its nearest neighbour takes over by its part in the
+    conductance of both, or in their area where one of them is `bare` (k,): of such ones readings do not
+    tell what they conduct."""
     contacts = unknowns.contacts.copy()
     apart = np.hypot(*(contacts[:, :2] - contacts[which, :2]).T)
     apart[which] = np.inf
     nearest = int(apart.argmin())
-    own, other = np.exp(contacts[[which, nearest], CONDUCTANCE])
+    both = contacts[[which, nearest]]
+    filled = bare[[which, nearest]].any()
+    own, other = np.exp(2 * both[:, RADIUS] if filled else both[:, CONDUCTANCE])
     if own > 0.1 * other:
         part = own / (own + other)
         contacts[nearest, :2] += part * (contacts[which, :2] - contacts[nearest, :2])

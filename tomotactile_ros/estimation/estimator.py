@@ -46,6 +46,7 @@ from tomotactile_ros.estimation.reported import (
     contacts_of,
     joined,
     may_be_anywhere,
+    meets_rims,
 )
 from tomotactile_ros.estimation.reported_shape import contacts_of_shape
 from tomotactile_ros.estimation.scatter import scatter
@@ -66,6 +67,7 @@ from tomotactile_ros.estimation.search import (
     BUDGET,
     CUT_OFF,
     FIRST_LOOK,
+    LEFT_OVER,
     SUSPECT,
     Search,
     tells_speeds,
@@ -158,6 +160,8 @@ class FollowedRows:
     slides: bool
 
 
+# what readings show, and of their noise: its variance, and the number of readings
+_Looked = tuple[Estimate, tuple[float, int] | None]
 # asked with the channels that are left out and why
 ByRows = Callable[[dict[int, str]], FollowedRows | None]
 
@@ -184,6 +188,9 @@ class State:
     settling: Settling | None = None  # what readings keep of the row before, where they do
     # channels that contradicted the others in the last frame that was asked, or rows of another state did
     doubted: frozenset[int] = frozenset()
+    covered: np.ndarray | None = (
+        None  # (E,) electrodes that lie under a conductor, as found in the last frame
+    )
 
     def become(self, other: State) -> None:
         """Go on as another one."""
@@ -301,34 +308,61 @@ class Estimator:
         drive_voltage: float,
         state: State,
         asked: _Asked,
-    ) -> tuple[Estimate, tuple[float, int] | None]:
+    ) -> _Looked:
         """`estimate` of readings, and what they show of their noise: its variance in parts of what was `asked`,
         and the number of readings; None where they do not. `_Unsettled` where they keep a part of the row
         before, if that is asked.
 
-        A channel that never changes and is driven lies under a conductor, or is broken: what the readings of
-        all others contradict is not so.
+        A channel that is driven and never changes lies under a conductor, or is broken: what the readings of
+        all others contradict is not so. One that is driven and at whose rim that of a bare conductor is found,
+        or nothing that explains the rows, may be one whose rows tell nothing of the sheet, either.
         """
         read = np.isfinite(voltages)
         read[np.arange(len(grounded)), grounded] = False
         without = voltages - self.offsets(tuple(range(self.layout.electrodes)))
         # by the noise that was said: what channels have more, one that is stuck does not show
         stuck = stuck_channels(without, read, self.noise)
-        covered = driven_channels(stuck, voltages, read, drive_voltage)
+        driven = driven_channels(voltages, read, drive_voltage)
         given = voltages, grounded, drive_voltage
-        while covered.any():
-            trial = replace(state)
-            seen = read & ~covered[grounded][:, None]
-            others = stuck_channels(without, seen, self.noise) & ~covered
-            found = self._look_without(*given, trial, asked, others, covered)
-            if trial.fit is None or not found[0].contacts or found[0].misfit > MISFIT:
-                break
-            broken = covered & ~_are_driven(trial.fit)
-            if not broken.any():
-                state.become(trial)
-                return found
-            covered &= ~broken
-        return self._look_without(*given, state, asked, stuck, np.zeros_like(covered))
+
+        def under(covered: np.ndarray) -> tuple[_Looked, State] | None:
+            """What is seen with electrodes `covered`, or with those that are by it, and the state that leads to."""
+            while covered.any():
+                trial = replace(state, covered=covered)
+                seen = read & ~covered[grounded][:, None]
+                others = stuck_channels(without, seen, self.noise) & ~covered
+                found = self._look_without(*given, trial, asked, others, covered)
+                if trial.fit is None or not found[0].contacts or found[0].misfit > MISFIT:
+                    break
+                broken = covered & ~_are_driven(trial.fit)
+                if not broken.any():
+                    return found, trial
+                covered = covered & ~broken
+            return None
+
+        none = np.zeros_like(stuck)
+        known = none if state.covered is None else state.covered
+        covered = driven & (stuck | known)
+        seen = under(covered)
+        if seen is None:
+            trial = replace(state, covered=None)
+            seen = self._look_without(*given, trial, asked, stuck, none), trial
+        more = driven & ~covered & self._meets_bare(seen[0][0], seen[1].fit)
+        if more.any():
+            seen = under(covered | more) or seen
+        found, last = seen
+        state.become(last)
+        return found
+
+    def _meets_bare(self, found: Estimate, fit: Fit | None) -> np.ndarray:
+        """(E,) electrodes that bare conductors meet; any where contacts of a `fit` leave more than right ones."""
+        meets = np.full(self.layout.electrodes, found.unlike)
+        if found.contacts and fit is not None:
+            meets |= fit.chi_squared + fit.of_sensor > LEFT_OVER * fit.rows.count
+        for each in found.parts:
+            if not np.isfinite(each.force_std):
+                meets |= meets_rims(self.layout, (each.x, each.y), each.radius)
+        return meets
 
     def _look_without(
         self,
@@ -339,7 +373,7 @@ class Estimator:
         asked: _Asked,
         stuck: np.ndarray,
         covered: np.ndarray,
-    ) -> tuple[Estimate, tuple[float, int] | None]:
+    ) -> _Looked:
         """The same where channels `stuck` (E,) are broken, and electrodes `covered` (E,) lie under a conductor,
         whose currents into them say nothing of the sheet."""
         row_period, noise, follow, scan, settling = asked

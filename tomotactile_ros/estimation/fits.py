@@ -108,8 +108,7 @@ class Fits:
             return fit
         fit = approach(fit, self._left)
         self._left -= fit.work
-        bare = fit.prediction.means > np.exp(-fit.unknowns.contacts[:, CONDUCTANCE])
-        return self._wide_enough(fit, bare)
+        return self._wide_enough(fit, _are_bare(fit))
 
     def _most_across(self, unknowns: Unknowns) -> int:
         """Patches to the width of each contact at most: fewer of many, which together are one wide
@@ -286,7 +285,9 @@ class Fits:
                     continue
                 limit = fit.cost + self._threshold * fit.doubt
                 tried = self._solve(
-                    merged(fit.unknowns, int(weakest)), fit, goal=np.inf if one else limit
+                    merged(fit.unknowns, int(weakest), _are_bare(fit)),
+                    fit,
+                    goal=np.inf if one else limit,
                 )
                 if one or tried.cost < limit:
                     fewer = tried
@@ -343,3 +344,8 @@ class Fits:
             keep = np.arange(len(strengths)) != weakest
             fit = self._solve(chosen(fit.unknowns, keep), fit)
         return fit
+
+
+def _are_bare(fit: Fit) -> np.ndarray:
+    """(k,) which contacts conduct more than the way to them."""
+    return fit.prediction.means > np.exp(-fit.unknowns.contacts[:, CONDUCTANCE])

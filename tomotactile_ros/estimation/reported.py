@@ -140,10 +140,14 @@ def place_floor(fit: Fit, uneven: float) -> float:
 def rim_floor(operator: SheetOperator, place: tuple[float, float], radius: float) -> float:
     """Standard deviation of the place of a bare conductor in x and in y, m, of what the model errs where its
     rim meets that of an electrode."""
-    layout = operator.layout
-    apart = np.hypot(*(layout.positions[operator.used] - place).T)
-    meets = np.abs(apart - radius) < (1 + RIM_FLOOR) * layout.radius
-    return RIM_FLOOR * layout.radius * bool(meets.any())
+    meets = meets_rims(operator.layout, place, radius)[operator.used]
+    return RIM_FLOOR * operator.layout.radius * bool(meets.any())
+
+
+def meets_rims(layout: Layout, place: tuple[float, float], radius: float) -> np.ndarray:
+    """(E,) electrodes whose rim a disc's of `radius`, m, at `place` meets."""
+    apart = np.hypot(*(layout.positions - place).T)
+    return np.abs(apart - radius) < (1 + RIM_FLOOR) * layout.radius
 
 
 def _contact(
@@ -279,9 +283,11 @@ def joined(parts: list[Contact], group: np.ndarray) -> list[Contact]:
 def _joined(parts: list[Contact]) -> Contact:
     if len(parts) == 1:
         return parts[0]
-    force = np.array([each.force for each in parts])
+    force, areas = np.array([(each.force, each.area) for each in parts]).T
+    area = float(areas.sum())
     share = force / max(force.sum(), 1e-300)
-    area = sum(each.area for each in parts)
+    if not np.isfinite([each.force_std for each in parts]).all():
+        share = areas / area  # of bare conductors readings do not tell who presses more
     covariance = sum(s**2 * np.array(each.covariance) for s, each in zip(share, parts))
     radius = float(np.sqrt(area / np.pi))
     return Contact(

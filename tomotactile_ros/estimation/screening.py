@@ -59,16 +59,12 @@ def stuck_channels(readings: np.ndarray, valid: np.ndarray, noise: float) -> np.
     return stuck
 
 
-def driven_channels(
-    stuck: np.ndarray, readings: np.ndarray, valid: np.ndarray, drive_voltage: float
-) -> np.ndarray:
-    """(E,) of the channels that are `stuck` (E,) those that are so as of electrodes under a conductor, which is
-    at the drive voltage, V, or whose wires are broken there."""
-    if not stuck.any():
-        return stuck
+def driven_channels(readings: np.ndarray, valid: np.ndarray, drive_voltage: float) -> np.ndarray:
+    """(E,) channels that read what electrodes under a conductor do, which is at the drive voltage, V; their
+    wires may be broken there."""
     level = np.where(valid, readings, 0.0).sum(axis=0) / np.maximum(valid.sum(axis=0), 1)
-    driven = level > AT_DRIVE * drive_voltage
-    return stuck & driven & bool(np.median(level) > _ALL_RAISED * drive_voltage)
+    raised = bool(np.median(level) > _ALL_RAISED * drive_voltage)
+    return (level > AT_DRIVE * drive_voltage) & raised
 
 
 def _range(readings: np.ndarray, valid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -95,7 +95,7 @@ _AT_LEAST = 0.25
 # chi^2: above it other numbers and shapes of new contacts are tried: right ones leave at most 1.05
 # where electrodes may be misplaced; at 3, two contacts 25 mm apart were one in 1 of 40 crowds;
 # chi^2, in parts of what reciprocity says that any contacts leave: what right ones leave
-_LEFT_OVER, _RIGHT = 1.1, 1.05
+LEFT_OVER, _RIGHT = 1.1, 1.05
 # chi-squared per reading from which on channels are doubted and other rows tried
 SUSPECT = 12.0
 # patches to the width of a contact at most, in `balanced`, and in `fast` for frames that it hands
@@ -516,7 +516,7 @@ class Search(Fits):
                 goal = np.inf if found.chi_squared > _POOR * found.rows.count else found.cost
                 tried = self._simplified(self._begin(many, rest, len(many.contacts), goal=goal))
                 found = self._split(self._likelier(found, tried), self._solve)
-        if found.chi_squared > _LEFT_OVER * found.rows.count and self._left > 0:
+        if found.chi_squared > LEFT_OVER * found.rows.count and self._left > 0:
             found = self.in_motion(found)  # rather than of another size
         for which in range(len(found.unknowns.contacts)):
             found = self._other_sizes(found, which)
@@ -595,7 +595,7 @@ class Search(Fits):
         if left < _POOR * parts.rows.count:
             return False
         shape = self._whole(cells)
-        if shape is None or shape.chi_squared > _LEFT_OVER * shape.rows.count:
+        if shape is None or shape.chi_squared > LEFT_OVER * shape.rows.count:
             return False
         least = _least_after(left, shape)
         return self._has_more_evidence(shape, cells, least, parts.unknowns.free, shape.doubt)
@@ -639,8 +639,8 @@ class Search(Fits):
         """Whether other contacts may leave less over: more is than of right ones, also in parts of what
         reciprocity says that any leave (hum, say)."""
         left = fit.chi_squared / fit.rows.count
-        if not _LEFT_OVER < left < _POOR or fit.unknowns.moving.any():
-            return left > _LEFT_OVER
+        if not LEFT_OVER < left < _POOR or fit.unknowns.moving.any():
+            return left > LEFT_OVER
         return left > _RIGHT * self._least(fit.rows, fit.prior)
 
     def _least(self, rows: Rows, prior: Prior) -> float:
@@ -815,7 +815,7 @@ class Search(Fits):
         most = most_together(contacts[:, :2], self.operator.pitch)
         if most != 2 and len(contacts) > 1:
             return most == 1
-        return self._after_a_step(fit) < _LEFT_OVER * fit.rows.count
+        return self._after_a_step(fit) < LEFT_OVER * fit.rows.count
 
     def _after_a_step(self, fit: Fit) -> float:
         """The cost that one whole step from a fit leads to, to first order."""
@@ -833,7 +833,7 @@ class Search(Fits):
         ]
         starts = [self._begun(each, like, len(each.contacts)) for each in discs]
         found = self._approached(min(starts, key=_cost))
-        if found.chi_squared > _LEFT_OVER * found.rows.count:
+        if found.chi_squared > LEFT_OVER * found.rows.count:
             if few.free.all(axis=1).any():
                 begun = self._begun(few, like, len(few.contacts))
                 found = self._likelier(found, self._approached(begun), near=True)
@@ -842,7 +842,7 @@ class Search(Fits):
                 found = self._split(self._formed(found, self._near), self._near)
         if (
             len(seen.contacts) > len(few.contacts)
-            and found.chi_squared > _LEFT_OVER * found.rows.count
+            and found.chi_squared > LEFT_OVER * found.rows.count
         ):
             many = self._begun(seen, like, len(seen.contacts))
             if many.cost < found.cost:

@@ -995,7 +995,8 @@ class Pipeline:
         left = 1 - np.where(read, frame, drive_voltage) / drive_voltage
         covered = open_grounds(left, read, noise / drive_voltage) & read.any(axis=1)
         silent, bad = bad, bad | covered
-        covered |= driven_channels(silent & ~self._excluded, frame, ~np.isnan(frame), drive_voltage)
+        driven = driven_channels(frame, ~np.isnan(frame), drive_voltage)
+        covered |= silent & ~self._excluded & driven
         changes = latest_state(left[~bad], read[~bad], noise / drive_voltage) > 0
         used = np.flatnonzero(~bad)
         if len(used) < 2:

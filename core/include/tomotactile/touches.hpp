@@ -52,7 +52,7 @@ class Touches {
   // Derivatives of `mean` of contact i by `kMoving`, ohm.
   Eigen::Matrix<double, 5, 1> mean_change(Index i, const Slope& slope) const;
   std::array<Matrix, 2> share_slopes(Index i) const;  // n x p, 1/m
-  Eigen::Vector2d centre(Index i) const;  // of mass of what lies on the sheet, m
+  Eigen::Vector2d centre(Index i) const;  // of mass of what lies on the sheet and on electrodes in use, m
   Conductance conductance(Index i) const { return {contacts(kStrength, i), mean[i]}; }
 
   std::shared_ptr<const Sheet> sheet;
