@@ -32,9 +32,3 @@ def test_two_sensors_are_seen_by_their_topics(probe, start, scene):
     finally:
         tab.close()
     ends_cleanly(viewer)
-
-
-def test_a_page_that_cannot_be_is_refused_in_one_line(start):
-    viewer = start("viewer", {"sensors": "[left, left]"})
-    assert viewer.wait() == 2
-    assert "different namespaces" in viewer.output and "Traceback" not in viewer.output
