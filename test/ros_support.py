@@ -10,8 +10,7 @@ import signal
 import subprocess
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from warm_start import begin
@@ -40,24 +39,9 @@ def ros_arguments(
     return ["--ros-args", *words]
 
 
-@contextmanager
-def free_domain() -> Iterator[int]:
-    """A ROS domain that nobody else on this machine has, for one test."""
-    from domain_coordinator import domain_id
-
-    with domain_id() as number:
-        yield number
-
-
 class Process:
-    """A program that runs until it is told to stop, with all that it writes.
-
-    Parameters
-    ----------
-    command : program and arguments.
-    domain : its ROS domain.
-    warm : whether it may be a fork, see warm_start.
-    """
+    """A program in a ROS domain that runs until it is told to stop, with all that it writes; `warm`: it
+    may be a fork, see warm_start."""
 
     def __init__(self, command: list[str], domain: int, warm: bool = True):
         self._output = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the process
@@ -119,21 +103,16 @@ def processes_of(name: str, domain: int) -> list[int]:
 
 
 class Probe:
-    """A node of the test's own, in a domain of its own.
+    """A node of the test's own, in a domain of its own."""
 
-    Parameters
-    ----------
-    domain : the ROS domain to look into; None for the process's own.
-    """
-
-    def __init__(self, domain: int | None = None, name: str = "probe"):
+    def __init__(self, domain: int):
         import rclpy
         from rclpy.context import Context
         from rclpy.executors import SingleThreadedExecutor
 
         self._context = Context()
         rclpy.init(args=[], context=self._context, domain_id=domain)
-        self.node = rclpy.create_node(name, context=self._context)
+        self.node = rclpy.create_node("probe", context=self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
         self._heard: list = []
