@@ -11,7 +11,7 @@ import ros_checks
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
 from process_support import python
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from ros_checks import LATCHED
 from ros_support import ends_cleanly
 from sensor_msgs.msg import Image
 from std_srvs.srv import Trigger
@@ -20,7 +20,6 @@ from visualization_msgs.msg import MarkerArray
 from tomotactile_ros.msg import ContactArray, VoltageFrame
 
 SMALL = {"layout": "equal-4x4"}
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 STATUS = "reconstruction: reconstruction"

@@ -129,6 +129,15 @@ def test_contacts_survive_their_message(layout):
     for one, other in zip(found, contacts, strict=True):
         np.testing.assert_allclose((one.x, one.y), (other.x, other.y), atol=1e-9)
         assert (one.force, one.id, one.age) == (other.force, other.id, other.age)
+    for contact in message.contacts:  # touches: the nearest point of the sheet is meant
+        for axis in "xyz":
+            lifted = getattr(contact.position, axis) + 0.004 * getattr(contact.normal, axis)
+            setattr(contact.position, axis, lifted)
+    for touch, other in zip(
+        contact_messages.message_to_touches(message, layout), contacts, strict=True
+    ):
+        np.testing.assert_allclose((touch.x, touch.y), (other.x, other.y), atol=1e-9)
+        assert (touch.force, touch.radius) == pytest.approx((other.force, other.radius))
 
 
 def test_the_layout_message_says_where_cells_are_on_the_sheet_and_in_space():

@@ -1,7 +1,6 @@
 """The threads that frames and rows come to and compute in, and what is said of rows that do not come."""
 
 import queue
-import sys
 import threading
 import time
 
@@ -101,33 +100,6 @@ def test_rows_that_never_came_were_left_out_or_came_late_are_told(rows, lost, sk
     assert serious == {"rows publishers", *(["rows old"] if late > 0.1 else [])}
 
 
-def together(tasks):
-    """Run these at the same time; threads change as often as Python can."""
-    before = sys.getswitchinterval()
-    sys.setswitchinterval(1e-6)
-    threads = [threading.Thread(target=task) for task in tasks]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join(LONG)
-    sys.setswitchinterval(before)
-
-
-def test_only_one_computes_at_a_time():
-    turns, inside, seen = Turns(LONG), [], []
-
-    def work():
-        for _ in range(200):
-            with turns.mine():
-                inside.append(1)
-                sum(range(200))
-                seen.append(len(inside))
-                inside.pop()
-
-    together([work] * 4)
-    assert seen == [1] * 800
-
-
 def test_a_slow_one_does_not_stop_the_others():
     turns, slow_has_it, other_was_there = Turns(0.01), threading.Event(), threading.Event()
     ends = []
@@ -138,12 +110,12 @@ def test_a_slow_one_does_not_stop_the_others():
             ends.append(other_was_there.wait(LONG))
         ends.append("given back")  # by nobody else before
 
-    def other():
-        assert slow_has_it.wait(LONG)
-        with turns.mine():
-            other_was_there.set()
-
-    together([slow, other])
+    thread = threading.Thread(target=slow)
+    thread.start()
+    assert slow_has_it.wait(LONG)
+    with turns.mine():
+        other_was_there.set()
+    thread.join(LONG)
     assert ends == [True, "given back"]
 
 
