@@ -26,24 +26,24 @@ def frames_of(layout, scene, model="closed_form", times=(0.0, 0.2)):
     return np.stack([simulator.frame(t, n) for n, t in enumerate(times)])
 
 
-@pytest.fixture
-def own_frames(tmp_path):
-    """Writes frames and their layout to files; returns the arguments of `reconstruct`."""
-
-    def write(voltages, **how):
-        WIDE.save(tmp_path / "own.yaml")
-        content = {"voltages": voltages, "grounded": np.arange(60), "drive_voltage": 3.3, **how}
-        save_arrays(tmp_path / "own.npz", content)
-        words = ["reconstruct", tmp_path / "own.npz", "--layout", tmp_path / "own.yaml"]
-        return [*map(str, words), "--out", str(tmp_path / "out.npz")]
-
-    return write
-
-
 def complaint(capsys, words):
     assert cli.main(words) == 2
     (line,) = capsys.readouterr().err.strip().splitlines()
     return line
+
+
+@pytest.fixture
+def own_frames(tmp_path):
+    """Writes frames and their layout to files; returns the arguments of `reconstruct`."""
+    layout, file, out = (str(tmp_path / name) for name in ("own.yaml", "own.npz", "out.npz"))
+
+    def write(voltages, **how):
+        WIDE.save(layout)
+        content = {"voltages": voltages, "grounded": np.arange(60), "drive_voltage": 3.3, **how}
+        save_arrays(file, content)
+        return ["reconstruct", file, "--layout", layout, "--out", out]
+
+    return write
 
 
 GRID = np.arange(60).reshape(6, 10)
