@@ -13,6 +13,12 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import rclpy
+from ament_index_python.packages import get_package_prefix
+from rcl_interfaces.srv import GetParameters, SetParameters
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter, parameter_value_to_python
 from warm_start import begin
 
 LIMIT = 240.0  # s; a machine that is busy takes long to start a process, or to estimate a frame
@@ -21,8 +27,6 @@ ASK_AGAIN = 10.0  # s
 
 def program(name: str) -> str:
     """Path of an installed program of this package."""
-    from ament_index_python.packages import get_package_prefix
-
     return str(Path(get_package_prefix("tomotactile_ros"), "lib", "tomotactile_ros", name))
 
 
@@ -34,9 +38,7 @@ def ros_arguments(
     words = [word for item in parameters.items() for word in ("-p", "{}:={}".format(*item))]
     words += [word for item in (remaps or {}).items() for word in ("-r", "{}:={}".format(*item))]
     words += [word for file in files for word in ("--params-file", str(file))]
-    if namespace:
-        words += ["-r", f"__ns:={namespace}"]
-    return ["--ros-args", *words]
+    return ["--ros-args", *words, *(["-r", f"__ns:={namespace}"] if namespace else [])]
 
 
 class Process:
@@ -106,10 +108,6 @@ class Probe:
     """A node of the test's own, in a domain of its own."""
 
     def __init__(self, domain: int):
-        import rclpy
-        from rclpy.context import Context
-        from rclpy.executors import SingleThreadedExecutor
-
         self._context = Context()
         rclpy.init(args=[], context=self._context, domain_id=domain)
         self.node = rclpy.create_node("probe", context=self._context)
@@ -177,19 +175,12 @@ class Probe:
 
     def set_parameter(self, node: str, name: str, value: object):
         """Set a parameter of another node; returns whether it was taken and the reason."""
-        from rcl_interfaces.srv import SetParameters
-        from rclpy.parameter import Parameter
-
-        request = SetParameters.Request(
-            parameters=[Parameter(name, value=value).to_parameter_msg()]
-        )
+        given = Parameter(name, value=value).to_parameter_msg()
+        request = SetParameters.Request(parameters=[given])
         return self.call(SetParameters, f"{node}/set_parameters", request).results[0]
 
     def get_parameter(self, node: str, name: str):
         """Value of a parameter of another node."""
-        from rcl_interfaces.srv import GetParameters
-        from rclpy.parameter import parameter_value_to_python
-
         request = GetParameters.Request(names=[name])
         (value,) = self.call(GetParameters, f"{node}/get_parameters", request).values
         return parameter_value_to_python(value)

@@ -158,8 +158,6 @@ def test_inspect_draws_the_y_axis_upwards_noise_dark_and_readings_bright(tmp_pat
     [
         ({"layout_id": "equal-8x8"}, "layout_id"),
         ({"contact_law": ["a", "b"]}, "contact_law"),
-        ({"voltages": np.full((3, 16, 16), np.inf)}, "voltages: one of frame 0 is infinite"),
-        ({"grounded": np.zeros(3, int)}, "grounded"),
     ],
 )
 def test_frames_that_are_none_are_refused(frames, tmp_path, changed, said, run):

@@ -24,7 +24,6 @@ MISTAKES = [
     (f"simulate {SMALL} --scene idle --frames 1 --out x.csv", "call it x.npz"),
     (f"evaluate {SMALL} --profile fast --model fem", "--model"),
     (f"optimize {SMALL} --rows 4 --method free --out x", "--rows"),
-    (f"record {SMALL} --port spy:///x --out x.npz", "is none of /dev/"),
     (f"record {SMALL} --port /etc/passwd --out x.npz", "/etc/passwd is no device"),
     (f"record {SMALL} --frames 0 --out x.npz", "0 is not a whole number above 0"),
     (f"record {SMALL} --scene idle --port x --out x.npz", "not allowed with"),

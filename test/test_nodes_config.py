@@ -34,7 +34,7 @@ def test_every_parameter_is_there_with_its_default_and_a_comment(name):
     assert set(defaults) <= set(commented)
 
 
-@pytest.mark.parametrize("name", SPECS)
+@pytest.mark.parametrize("name", ["driver", "reconstruction"])
 def test_every_parameter_is_described_with_its_limits(name):
     for spec in SPECS[name]:
         told = spec.descriptor()
@@ -42,9 +42,10 @@ def test_every_parameter_is_described_with_its_limits(name):
         limits = {
             int: told.integer_range,
             float: told.floating_point_range,
-            tuple: told.additional_constraints,
+            (tuple, int): told.additional_constraints,
         }
-        assert limits.get(type(spec.default), "none"), spec.name
+        kind = type(spec.default)
+        assert limits.get((tuple, spec.items) if kind is tuple else kind, "none"), spec.name
 
 
 @pytest.mark.parametrize("name", ["driver", "reconstruction"])

@@ -1,5 +1,4 @@
-"""A recorded bag, played by the driver, gives the images of the recording, byte by byte; with ROS's
-own reader and without."""
+"""A recorded bag, played by the driver, gives the images of the recording, byte by byte."""
 
 import pytest
 
@@ -9,7 +8,6 @@ rosbags = pytest.importorskip("rosbags")
 import itertools
 from pathlib import Path
 
-import numpy as np
 import ros_checks
 from builtin_interfaces.msg import Time
 from rclpy.serialization import serialize_message
@@ -17,17 +15,15 @@ from ros_checks import stamp
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image
 
-from tomotactile_ros.devices import Frame, bag
 from tomotactile_ros.msg import VoltageFrame
-from tomotactile_ros.nodes.conversions import frame_to_message, make_header, stamp_of
-from tomotactile_ros.support.errors import InputError
+from tomotactile_ros.nodes.conversions import stamp_of
 
 COUNT = 5
 DEEP = 100
 
 
-def record(messages, folder, topics=("/voltage_frame",)) -> None:
-    """Write frames as a rosbag2, in turn to its topics."""
+def record(messages, folder) -> None:
+    """Write frames as a rosbag2."""
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -36,11 +32,10 @@ def record(messages, folder, topics=("/voltage_frame",)) -> None:
     store = get_typestore(Stores.ROS2_JAZZY)
     store.register(get_types_from_msg(text, name))
     with Writer(folder, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
-        connections = [writer.add_connection(t, name, typestore=store) for t in topics]
-        for message, connection in zip(messages, itertools.cycle(connections), strict=False):
-            stamp = message.header.stamp
-            nanoseconds = stamp.sec * 10**9 + stamp.nanosec
-            writer.write(connection, nanoseconds, serialize_message(message))
+        connection = writer.add_connection("/voltage_frame", name, typestore=store)
+        for message in messages:
+            seconds, nanoseconds = stamp(message)
+            writer.write(connection, seconds * 10**9 + nanoseconds, serialize_message(message))
 
 
 class Player:
@@ -123,25 +118,3 @@ def test_a_bag_replays_to_identical_images(probe, start, scene, tmp_path):
     probe.until(lambda: wanted <= with_stamps(played), "images of the bag that is played")
     assert with_stamps(played) == wanted
     ros_checks.check_images(probe, "played/reconstruction: reconstruction")
-
-
-@pytest.mark.parametrize("has_ros", [True, False], ids=["rosbag2_py", "rosbags"])
-def test_a_bag_of_two_sensors_is_the_same_to_the_reader_of_ros_and_without(
-    tmp_path, monkeypatch, has_ros
-):
-    if has_ros:
-        pytest.importorskip("rosbag2_py", reason="rosbag2_py comes with a full ROS 2")
-    frames = []
-    for k in range(6):
-        voltages, grounded = np.full((2, 2), k, np.float32), np.arange(2, dtype=np.uint16)
-        frame = Frame(voltages, grounded, k, k + 1.0, 3.3)
-        frames.append(frame_to_message(frame, "a layout", make_header(k + 1.0, "palm")))
-    record(frames, tmp_path / "bag", ["/left/voltage_frame", "/right/voltage_frame"])
-    monkeypatch.setattr(bag, "_has_ros", lambda: has_ros)
-    right = list(bag.read_bag(tmp_path / "bag", "/right/voltage_frame"))
-    assert [m.sequence for m in right] == [1, 3, 5]
-    assert [stamp_of(m.header) for m in right] == [2.0, 4.0, 6.0]
-    assert [list(m.voltages) for m in right] == [[k] * 4 for k in (1, 3, 5)]
-    for topic, said in ((None, "/left/voltage_frame, /right/v"), ("/up/voltage_frame", "/up/v")):
-        with pytest.raises(InputError, match=said):
-            list(bag.read_bag(tmp_path / "bag", topic))

@@ -57,11 +57,6 @@ def test_a_simulated_sensor_lives_in_simulated_time(probe, start, scene):
     probe.until(lambda: len(known()) > 8 and len(frames) > 4, "contacts")
     ros_checks.check_rate(frames)
     assert 1000.0 < of_time(frames)[0] and of_time(frames)[-1] <= clock.now
-    # rows of a frame lie within it, and none overlap
-    for message in rows:
-        if message.sequence == frames[0].sequence:
-            begun = stamp_of(message.header) - of_time(frames)[0]
-            assert -1e-6 < begun < 64 * frames[0].row_period
     assert np.all(np.diff(of_time(rows)) > 7.9e-3)
     seen = known()
     assert {c.id for m in seen for c in m.contacts} == {seen[0].contacts[0].id}

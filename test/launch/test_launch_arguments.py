@@ -176,7 +176,6 @@ def test_a_device_named_in_a_parameter_file_counts(nodes_of, tmp_path):
     "key, words, others",
     [
         ("/left/driver", "namespace:=right", "/right/driver or /right/reconstruction"),
-        ("driver", "namespace:=left", "/left/driver or /left/reconstruction"),
         ("driver", "ros_namespace:=/left", "/left/driver or /left/reconstruction"),
         ("/**/drivr", "device:=serial", "/driver or /reconstruction"),
         ("/**/driver", "device:=none", "/reconstruction"),
