@@ -28,7 +28,7 @@ def browser() -> str | None:
 class Tab:
     """One page in a browser of its own."""
 
-    def __init__(self, url: str, width: int = 800, height: int = 600, phone: bool = False):
+    def __init__(self, url: str, width: int = 800, height: int = 600):
         from websockets.sync.client import connect
 
         self._home = tempfile.mkdtemp()
@@ -52,7 +52,7 @@ class Tab:
         self._socket = connect(target["webSocketDebuggerUrl"], max_size=None, ping_interval=None)
         for domain in ("Page", "Runtime", "Network"):
             self.tell(f"{domain}.enable")
-        size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": phone}
+        size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
         self.tell("Emulation.setDeviceMetricsOverride", **size)
         self.tell("Page.navigate", url=url)
 
@@ -104,22 +104,23 @@ class Tab:
         """Wait until these words are on the page."""
         self.until(lambda: words in self.text(), f"'{words}' on the page")
 
-    def click(self, x: float, y: float) -> None:
-        """Click on a place of the page, pixels."""
-        for kind in ("mousePressed", "mouseReleased"):
-            self.mouse(kind, x, y)
-
     def click_until(self, happened: Callable[[], object], x: float, y: float) -> None:
-        """Click on a place now and then until something has happened."""
-        self._again_until(happened, lambda: self.click(x, y))
+        """Click on a place of the page, pixels, now and then until something has happened."""
+        at = {"x": x, "y": y, "button": "left", "clickCount": 1}
+
+        def click() -> None:
+            for kind, held in (("mousePressed", 1), ("mouseReleased", 0)):
+                self.tell("Input.dispatchMouseEvent", type=kind, buttons=held, **at)
+
+        self._again_until(happened, click)
 
     def key_until(self, happened: Callable[[], object], selector: str, key: str, code: int) -> None:
         """Press a key in an element now and then until something has happened."""
+        at = {"key": key, "code": key, "windowsVirtualKeyCode": code}
 
         def press() -> None:
             self.script(f"document.querySelector('{selector}').focus()")
             for kind in ("keyDown", "keyUp"):
-                at = {"key": key, "code": key, "windowsVirtualKeyCode": code}
                 self.tell("Input.dispatchKeyEvent", type=kind, **at)
 
         self._again_until(happened, press)
@@ -136,12 +137,6 @@ class Tab:
             return happened()
 
         self.until(acted, "answer")
-
-    def mouse(self, kind: str, x: float, y: float) -> None:
-        """`mousePressed`, `mouseMoved` or `mouseReleased` at a place of the page, pixels."""
-        held = 0 if kind == "mouseReleased" else 1
-        at = {"x": x, "y": y, "button": "left", "buttons": held, "clickCount": 1}
-        self.tell("Input.dispatchMouseEvent", type=kind, **at)
 
     def picture(self, path: str | os.PathLike | None = None) -> bytes:
         """The page as PNG, also written to a file."""

@@ -42,10 +42,10 @@ settings.load_profile("slow")
 
 LONGEST = """
     learning_live nodes_chain nodes_parameters estimation_shape estimation_search learning_tears nodes_time
-    examples_library learning nodes_live nodes_optimizer reconstruction_pipeline reconstruction_faults view_page
-    estimation_rim nodes_serial nodes_tare nodes_viewer bench_trade reconstruction_discs nodes_touches
-    nodes_refusal nodes_skin estimation_rows optimizer_resume nodes_devices nodes_replay nodes_learning
-    optimizer_command optimizer_free devices_serial nodes_ids security_policy estimation_motion
+    examples learning nodes_live nodes_optimizer reconstruction_pipeline reconstruction_faults view_page
+    estimation_rim nodes_serial nodes_kept bench_trade reconstruction_discs nodes_touches
+    nodes_refusal nodes_skin estimation_rows optimizer_resume nodes_devices nodes_replay
+    optimizer_command optimizer_free devices_serial security_policy estimation_motion
 """
 
 
@@ -131,9 +131,9 @@ def signals_as_before():
 @pytest.fixture
 def domain():
     """A ROS domain for one test."""
-    from ros_support import free_domain
+    from domain_coordinator import domain_id
 
-    with free_domain() as number:
+    with domain_id() as number:
         yield number
 
 
@@ -148,23 +148,33 @@ def probe(domain):
 
 
 @pytest.fixture
-def start(domain, tmp_path, monkeypatch):
-    """Starts programs of this package in the test's domain, `warm` or as they are installed, and ends what is
-    left of them."""
-    from ros_support import Process, program, ros_arguments
+def spawn(domain):
+    """Starts commands in the test's domain, `warm` or not, and ends what is left of them."""
+    from ros_support import Process
 
-    monkeypatch.setenv("ROS_HOME", str(tmp_path / "ros"))  # what nodes keep there is of one test
     processes = []
 
-    def start_one(name, parameters=None, warm=True, **names):
-        command = [program(name), *ros_arguments(parameters or {}, **names)]
-        processes.append(Process(command, domain, warm))
+    def spawn_one(*words, warm=True):
+        processes.append(Process([*map(str, words)], domain, warm))
         return processes[-1]
 
-    yield start_one
+    yield spawn_one
     for process in processes:
         process.kill()
         print(process.output)  # shown where the test has failed
+
+
+@pytest.fixture
+def start(spawn, tmp_path, monkeypatch):
+    """Starts programs of this package, `warm` or as they are installed."""
+    from ros_support import program, ros_arguments
+
+    monkeypatch.setenv("ROS_HOME", str(tmp_path / "ros"))  # what nodes keep there is of one test
+
+    def start_one(name, parameters=None, warm=True, **names):
+        return spawn(program(name), *ros_arguments(parameters or {}, **names), warm=warm)
+
+    return start_one
 
 
 @pytest.fixture

@@ -10,10 +10,15 @@ import signal
 import subprocess
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import rclpy
+from ament_index_python.packages import get_package_prefix
+from rcl_interfaces.srv import GetParameters, SetParameters
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter, parameter_value_to_python
 from warm_start import begin
 
 LIMIT = 240.0  # s; a machine that is busy takes long to start a process, or to estimate a frame
@@ -22,8 +27,6 @@ ASK_AGAIN = 10.0  # s
 
 def program(name: str) -> str:
     """Path of an installed program of this package."""
-    from ament_index_python.packages import get_package_prefix
-
     return str(Path(get_package_prefix("tomotactile_ros"), "lib", "tomotactile_ros", name))
 
 
@@ -35,29 +38,12 @@ def ros_arguments(
     words = [word for item in parameters.items() for word in ("-p", "{}:={}".format(*item))]
     words += [word for item in (remaps or {}).items() for word in ("-r", "{}:={}".format(*item))]
     words += [word for file in files for word in ("--params-file", str(file))]
-    if namespace:
-        words += ["-r", f"__ns:={namespace}"]
-    return ["--ros-args", *words]
-
-
-@contextmanager
-def free_domain() -> Iterator[int]:
-    """A ROS domain that nobody else on this machine has, for one test."""
-    from domain_coordinator import domain_id
-
-    with domain_id() as number:
-        yield number
+    return ["--ros-args", *words, *(["-r", f"__ns:={namespace}"] if namespace else [])]
 
 
 class Process:
-    """A program that runs until it is told to stop, with all that it writes.
-
-    Parameters
-    ----------
-    command : program and arguments.
-    domain : its ROS domain.
-    warm : whether it may be a fork, see warm_start.
-    """
+    """A program in a ROS domain that runs until it is told to stop, with all that it writes; `warm`: it
+    may be a fork, see warm_start."""
 
     def __init__(self, command: list[str], domain: int, warm: bool = True):
         self._output = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the process
@@ -119,21 +105,12 @@ def processes_of(name: str, domain: int) -> list[int]:
 
 
 class Probe:
-    """A node of the test's own, in a domain of its own.
+    """A node of the test's own, in a domain of its own."""
 
-    Parameters
-    ----------
-    domain : the ROS domain to look into; None for the process's own.
-    """
-
-    def __init__(self, domain: int | None = None, name: str = "probe"):
-        import rclpy
-        from rclpy.context import Context
-        from rclpy.executors import SingleThreadedExecutor
-
+    def __init__(self, domain: int):
         self._context = Context()
         rclpy.init(args=[], context=self._context, domain_id=domain)
-        self.node = rclpy.create_node(name, context=self._context)
+        self.node = rclpy.create_node("probe", context=self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
         self._heard: list = []
@@ -198,19 +175,12 @@ class Probe:
 
     def set_parameter(self, node: str, name: str, value: object):
         """Set a parameter of another node; returns whether it was taken and the reason."""
-        from rcl_interfaces.srv import SetParameters
-        from rclpy.parameter import Parameter
-
-        request = SetParameters.Request(
-            parameters=[Parameter(name, value=value).to_parameter_msg()]
-        )
+        given = Parameter(name, value=value).to_parameter_msg()
+        request = SetParameters.Request(parameters=[given])
         return self.call(SetParameters, f"{node}/set_parameters", request).results[0]
 
     def get_parameter(self, node: str, name: str):
         """Value of a parameter of another node."""
-        from rcl_interfaces.srv import GetParameters
-        from rclpy.parameter import parameter_value_to_python
-
         request = GetParameters.Request(names=[name])
         (value,) = self.call(GetParameters, f"{node}/get_parameters", request).values
         return parameter_value_to_python(value)

@@ -13,8 +13,7 @@ import pytest
 rclpy = pytest.importorskip("rclpy")
 
 from geometry_msgs.msg import Point, Point32
-from rclpy.qos import DurabilityPolicy, QoSProfile
-from ros_support import Process
+from ros_checks import LATCHED
 
 from tomotactile_ros.msg import Contact, ContactArray, SensorLayout
 from tomotactile_ros.nodes.conversions import image_to_message, make_header
@@ -45,57 +44,50 @@ int main()
 
 
 @pytest.fixture
-def run(domain, tmp_path):
-    processes = []
+def run(spawn, tmp_path, probe):
+    """Runs an example until it has said these lines."""
 
-    def run_one(code):
-        file = tmp_path / "example.py"
-        file.write_text(code)
-        processes.append(Process([sys.executable, str(file)], domain))
-        return processes[-1]
+    def run_one(code, *lines):
+        (tmp_path / "example.py").write_text(code)
+        process = spawn(sys.executable, tmp_path / "example.py")
+        for line in lines:
+            probe.until(lambda line=line: line in process.output, line)
 
-    yield run_one
-    for process in processes:
-        process.kill()
-        print(process.output)
+    return run_one
 
 
 def test_contacts_are_written_out(probe, run):
     publisher = probe.node.create_publisher(ContactArray, "/contacts", 2)
-    header = make_header(1.0, "palm")
-    known = ContactArray(
-        header=header,
-        contacts=[Contact(position=Point(x=0.01, z=0.5), force=2.0, id=3)],
-        complete=True,
+    contacts = [Contact(position=Point(x=0.01, z=0.5), force=2.0, id=3)]
+    given = (
+        {"contacts": contacts, "complete": True},
+        {"contacts": [Contact(force=1.0)]},
+        {"state": ContactArray.WITHHELD, "reason": "torn"},
+        {"complete": True},
     )
-    cut = ContactArray(header=header, contacts=[Contact(force=1.0)])
-    empty = ContactArray(header=header, complete=True)
-    withheld = ContactArray(header=header, state=ContactArray.WITHHELD, reason="torn")
-    probe.node.create_timer(0.1, lambda: [*map(publisher.publish, (known, cut, withheld, empty))])
-    feel = run(PYTHON[0])
-    for line in (
+    messages = [ContactArray(header=make_header(1.0, "palm"), **each) for each in given]
+    probe.node.create_timer(0.1, lambda: [*map(publisher.publish, messages)])
+    run(
+        PYTHON[0],
         "contact 3: 2.00 N at (0.010, 0.000, 0.500) m in palm",
         "something: 1.00 N at",
         "contact 3 was released",
         "cut by the deadline: rough",
         "not known what touches: torn",
-    ):
-        probe.until(lambda line=line: line in feel.output, line)
+    )
 
 
 def test_the_peak_is_found_in_metres(probe, run):
-    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     pressure = np.full((2, 3), np.nan, np.float32)
     pressure[1, 2] = 400.0
     header = make_header(1.0, "palm")
+    image = image_to_message(pressure, header)
     cells = [Point32(x=0.01 * k, y=-0.02 * k, z=0.005) for k in range(6)]
-    layouts = probe.node.create_publisher(SensorLayout, "/layout", latched)
+    layouts = probe.node.create_publisher(SensorLayout, "/layout", LATCHED)
     layouts.publish(SensorLayout(header=header, height=2, width=3, cells=cells))
-    images = probe.node.create_publisher(type(image_to_message(pressure, header)), "/pressure", 2)
-    probe.node.create_timer(0.1, lambda: images.publish(image_to_message(pressure, header)))
-    peak = run(PYTHON[1])
-    line = "400 Pa at (0.0500, -0.1000, 0.0050) m"
-    probe.until(lambda: line in peak.output, line)
+    images = probe.node.create_publisher(type(image), "/pressure", 2)
+    probe.node.create_timer(0.1, lambda: images.publish(image))
+    run(PYTHON[1], "400 Pa at (0.0500, -0.1000, 0.0050) m")
 
 
 def includes() -> list[str]:

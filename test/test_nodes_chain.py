@@ -11,7 +11,7 @@ import ros_checks
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
 from process_support import python
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from ros_checks import LATCHED
 from ros_support import ends_cleanly
 from sensor_msgs.msg import Image
 from std_srvs.srv import Trigger
@@ -20,7 +20,9 @@ from visualization_msgs.msg import MarkerArray
 from tomotactile_ros.msg import ContactArray, VoltageFrame
 
 SMALL = {"layout": "equal-4x4"}
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+STATUS = "reconstruction: reconstruction"
 
 
 def test_two_processes_make_images_where_the_scene_presses_and_outlive_each_other(
@@ -31,15 +33,12 @@ def test_two_processes_make_images_where_the_scene_presses_and_outlive_each_othe
     ros_checks.check_topics(probe)
     ros_checks.check_contact(probe)
     ros_checks.check_stamps(probe, 0.5)
-    ros_checks.check_diagnostics(
-        probe, "driver: device", DiagnosticStatus.OK, "simulated, 15.625 frames/s"
-    )
-    ros_checks.check_images(probe, "reconstruction: reconstruction")
+    well = DiagnosticStatus.OK, "simulated, 15.625 frames/s"
+    ros_checks.check_diagnostics(probe, "driver: device", *well)
+    ros_checks.check_images(probe, STATUS)
     ros_checks.check_tare(probe)
     driver.kill()
-    ros_checks.check_diagnostics(
-        probe, "reconstruction: reconstruction", DiagnosticStatus.ERROR, "no frames"
-    )
+    ros_checks.check_diagnostics(probe, STATUS, DiagnosticStatus.ERROR, "no frames")
     driver = start("driver", {"scene": scene})
     ros_checks.check_contact(probe)
     reconstruction.kill()
@@ -51,95 +50,83 @@ def test_two_processes_make_images_where_the_scene_presses_and_outlive_each_othe
     ends_cleanly(driver, signal.SIGTERM)
 
 
-def test_images_and_contacts_are_published_as_asked_for(probe, start, scene):
-    common = {"scene": scene, **SMALL}
-    for name, wanted in {"contacts": {"image": "none"}, "images": {"contacts": False}}.items():
-        start("tactile", common | wanted, namespace=f"/{name}")
-    contacts = probe.listen(ContactArray, "/images/contacts")
-    images = probe.listen(Image, "/contacts/pressure")
-    image = probe.wait_for(Image, "/images/pressure", lambda image: max(image.data) > 0)
-    assert np.nanmax(np.frombuffer(image.data, np.float32)) > 0
-    probe.wait_for(ContactArray, "/contacts/contacts", lambda m: m.complete and len(m.contacts) > 0)
-    assert not contacts and not images
-
-
-def test_contacts_come_within_the_deadline_and_say_so(probe, start, scene):
-    """A tenth of a millisecond is none: what a glance tells, and what searches have found since."""
-    start(
-        "tactile",
-        {
-            "scene": scene,
-            "layout": "equal-4x4",
-            "profile": "accurate",
-            "delivery": "frames",
-            "deadline": 1e-4,
+def test_sensors_by_namespace_publish_what_is_asked_for_with_names_changed(probe, start, scene):
+    """The deadline of a tenth of a millisecond is none: what a glance tells, and what searches have
+    found since."""
+    given = {
+        "left": {"scene": scene, "frame_id": "left_skin", "image": "none"},
+        "right": {"scene": "idle", "contacts": False},
+        "hasty": {
+            "scene": scene, "profile": "accurate", "delivery": "frames", "deadline": 1e-4,
         },
-    )
-    probe.wait_for(ContactArray, "/contacts", lambda m: len(m.contacts) > 0 and not m.complete)
-    cut = "too slow for it, or too much touches at once"
-    ros_checks.check_diagnostics(
-        probe, "reconstruction: reconstruction", DiagnosticStatus.WARN, cut
-    )
-
-
-def test_two_sensors_by_namespace_with_names_changed(probe, start, scene):
-    start("tactile", {"scene": scene, "frame_id": "left_skin", **SMALL}, namespace="/left")
-    start(
-        "tactile",
-        {"scene": "idle", **SMALL},
-        namespace="/right",
-        remaps={"contacts": "touches", "reconstruction:__node": "imaging"},
-    )
-    ros_checks.check_contact(probe, "/left")
-    idle = probe.wait_for(ContactArray, "/right/touches")
-    assert (idle.header.frame_id, list(idle.contacts)) == ("tactile_link", [])
-    left = probe.wait_for(ContactArray, "/left/contacts")
-    assert left.header.frame_id == "left_skin"
-    assert probe.call(Trigger, "/right/imaging/tare").success
-    for markers, suits in (
-        ("/left/layout_markers", lambda m: m.markers[0].header.frame_id == "left_skin"),
-        ("/right/layout_markers", lambda m: m.markers[0].header.frame_id == "tactile_link"),
+    }  # fmt: skip
+    renamed = {"contacts": "touches", "reconstruction:__node": "imaging"}
+    for name, wanted in given.items():
+        changed = renamed if name == "left" else {}
+        start("tactile", {**SMALL, **wanted}, namespace=f"/{name}", remaps=changed)
+    contacts = probe.listen(ContactArray, "/right/contacts")
+    images = probe.listen(Image, "/left/pressure")
+    found = probe.wait_for(ContactArray, "/left/touches", lambda m: m.complete and m.contacts)
+    image = probe.wait_for(Image, "/right/pressure")
+    assert np.nanmax(np.frombuffer(image.data, np.float32)) == 0.0
+    for header in (
+        found.header,
+        probe.wait_for(MarkerArray, "/left/layout_markers", qos=LATCHED).markers[0].header,
     ):
-        probe.wait_for(MarkerArray, markers, suits, LATCHED)
+        assert header.frame_id == "left_skin"
+    assert image.header.frame_id == "tactile_link"
+    assert probe.call(Trigger, "/right/reconstruction/tare").success
+    assert "something presses" in probe.call(Trigger, "/left/imaging/tare").message
+    probe.wait_for(ContactArray, "/hasty/contacts", lambda m: m.contacts and not m.complete)
+    cut = DiagnosticStatus.WARN, "too slow for it, or too much touches at once"
+    ros_checks.check_diagnostics(probe, f"hasty/{STATUS}", *cut)
+    assert not contacts and not images
 
 
 def test_managed_nodes_follow_their_transitions(probe, start, scene):
     from lifecycle_msgs.msg import State, Transition
     from lifecycle_msgs.srv import ChangeState, GetState
 
+    inactive, active = State.PRIMARY_STATE_INACTIVE, State.PRIMARY_STATE_ACTIVE
+    unconfigured = State.PRIMARY_STATE_UNCONFIGURED
+    goals = {
+        Transition.TRANSITION_CONFIGURE: inactive,
+        Transition.TRANSITION_ACTIVATE: active,
+        Transition.TRANSITION_DEACTIVATE: inactive,
+        Transition.TRANSITION_CLEANUP: unconfigured,
+    }
+    configure, activate, deactivate, clean_up = goals
+
     def state(node):
         return probe.call(GetState, f"/{node}/get_state").current_state.id
 
-    def change(node, transition, goal):
-        request = ChangeState.Request(transition=Transition(id=transition))
-        probe.call(ChangeState, f"/{node}/change_state", request)
-        assert state(node) == goal
+    def change(node, *transitions):
+        for each in transitions:
+            request = ChangeState.Request(transition=Transition(id=each))
+            probe.call(ChangeState, f"/{node}/change_state", request)
+            assert state(node) == goals[each]
 
     nodes = {
         "driver": start("driver_lifecycle", {"scene": scene, "rate": 20.0, **SMALL}, warm=False),
         "reconstruction": start("reconstruction_lifecycle", SMALL, warm=False),
     }
     for node in nodes:
-        assert state(node) == State.PRIMARY_STATE_UNCONFIGURED
-        change(node, Transition.TRANSITION_CONFIGURE, State.PRIMARY_STATE_INACTIVE)
+        assert state(node) == unconfigured
+        change(node, configure)
     assert "not active" in probe.call(Trigger, "/driver/restart").message
     for node in nodes:
-        change(node, Transition.TRANSITION_ACTIVATE, State.PRIMARY_STATE_ACTIVE)
+        change(node, activate)
     ros_checks.check_contact(probe)
-    change("driver", Transition.TRANSITION_DEACTIVATE, State.PRIMARY_STATE_INACTIVE)
+    change("driver", deactivate)
     frames = probe.listen(VoltageFrame, "/voltage_frame")
-    ros_checks.check_diagnostics(
-        probe, "reconstruction: reconstruction", DiagnosticStatus.ERROR, "nothing arrives"
-    )
+    ros_checks.check_diagnostics(probe, STATUS, DiagnosticStatus.ERROR, "nothing arrives")
     assert not frames
-    change("driver", Transition.TRANSITION_CLEANUP, State.PRIMARY_STATE_UNCONFIGURED)
-    change("driver", Transition.TRANSITION_CONFIGURE, State.PRIMARY_STATE_INACTIVE)
-    change("driver", Transition.TRANSITION_ACTIVATE, State.PRIMARY_STATE_ACTIVE)
+    change("driver", clean_up, configure, activate)
     ros_checks.check_contact(probe)
     contacts = probe.listen(ContactArray, "/contacts")
     wrenches = probe.listen(WrenchStamped, "/wrench")
     probe.until(lambda: wrenches and wrenches[-1].wrench.force.z < 0, "wrench")
-    change("reconstruction", Transition.TRANSITION_DEACTIVATE, State.PRIMARY_STATE_INACTIVE)
+    change("reconstruction", deactivate)
     probe.until(lambda: contacts and contacts[-1].state == ContactArray.STALE, "last word")
     assert contacts[-1].reason == "the reconstruction was stopped"
     probe.until(lambda: np.isnan(wrenches[-1].wrench.force.z), "unknown wrench")
@@ -163,20 +150,21 @@ sys.exit(run(make_nodes, [], "", {}))
 """
 
 
-def test_a_stop_counts_once_and_is_not_lost():
+# rclpy's thread of signals can shut a context down after `try_shutdown` has asked whether it is
+TWICE = """
+import rclpy.context
+rclpy.context.Context.try_shutdown = lambda context: (context.shutdown(), context.shutdown())
+"""
+
+
+@pytest.mark.parametrize("before", ["", TWICE], ids=["", "shut down meanwhile"])
+def test_a_stop_counts_once_and_is_not_lost(before):
     """The second of two signals leaves alone what the first one cleans up.
 
     In a process of its own: rclpy shuts down all contexts some time after a signal, those of the
     next test, too.
     """
-    done = python("-c", STOPS)
-    assert (done.returncode, done.stdout) == (0, "cleaned\n"), done
-
-
-def test_a_context_that_is_shut_down_meanwhile_is_no_failure():
-    """rclpy's thread of signals can shut it down after `try_shutdown` has asked whether it is."""
-    twice = "import rclpy.context; rclpy.context.Context.try_shutdown = lambda c: (c.shutdown(), c.shutdown())"
-    done = python("-c", twice + STOPS)
+    done = python("-c", before + STOPS)
     assert (done.returncode, done.stdout) == (0, "cleaned\n"), done
 
 

@@ -2,6 +2,8 @@
 
 import itertools
 import re
+from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
@@ -26,15 +28,8 @@ class Log:
 
     def __init__(self):
         self.lines = []
-
-    def info(self, text):
-        self.lines.append(("INFO", text))
-
-    def warning(self, text):
-        self.lines.append(("WARN", text))
-
-    def error(self, text):
-        self.lines.append(("ERROR", text))
+        for name, level in (("info", "INFO"), ("warning", "WARN"), ("error", "ERROR")):
+            setattr(self, name, lambda text, level=level: self.lines.append((level, text)))
 
     def new(self):
         lines, self.lines = self.lines, []
@@ -44,36 +39,26 @@ class Log:
 def test_a_trouble_is_logged_when_it_begins_changes_its_level_and_ends():
     log = Log()
     conditions = Conditions(log)
-    conditions.say([LOST])
-    assert log.new() == [("WARN", "5 % are lost")]
-    conditions.say([Trouble("loss", False, "6 % are lost"), DEAD])
-    assert log.new() == [("WARN", "dead: 5")]
-    conditions.say([MOST_LOST, Trouble("dead", False, "dead: 5, 6", which="5, 6")])
-    assert log.new() == [("ERROR", "50 % are lost"), ("WARN", "dead: 5, 6")]
-    conditions.say([MOST_LOST])
-    assert log.new() == [("INFO", "no longer the case: dead: 5, 6")]
-    conditions.say([LOST])
-    assert log.new() == [("WARN", "5 % are lost")]
-    conditions.say([])
-    assert log.new() == [("INFO", "no longer the case: 5 % are lost")]
-
-
-class Clock:
-    """Tells the time that the test sets."""
-
-    now = 1000.0
-
-    def __call__(self):
-        return self.now
+    more, both = replace(LOST, text="6 % are lost"), replace(DEAD, text="dead: 5, 6", which="5, 6")
+    for troubles, logged in (
+        ([LOST], [("WARN", "5 % are lost")]),
+        ([more, DEAD], [("WARN", "dead: 5")]),
+        ([MOST_LOST, both], [("ERROR", "50 % are lost"), ("WARN", "dead: 5, 6")]),
+        ([MOST_LOST], [("INFO", "no longer the case: dead: 5, 6")]),
+        ([LOST], [("WARN", "5 % are lost")]),
+        ([], [("INFO", "no longer the case: 5 % are lost")]),
+    ):
+        conditions.say(troubles)
+        assert log.new() == logged
 
 
 def test_what_comes_and_goes_does_not_fill_the_log_and_is_not_hidden():
     """A share of lost frames about its limit was two lines each other second, for hours."""
-    log, clock = Log(), Clock()
-    conditions = Conditions(log, clock)
+    log, seconds = Log(), [1000.0]
+    conditions = Conditions(log, lambda: seconds[0])
     lines = []
     for second in range(3600):
-        clock.now += 1.0
+        seconds[0] += 1.0
         conditions.say([] if second % 2 else [LOST])
         lines += [(second, *line) for line in log.new()]
     assert [line[0] for line in lines[:6]] == list(range(6))  # at first each as it comes
@@ -88,75 +73,38 @@ def test_what_comes_and_goes_does_not_fill_the_log_and_is_not_hidden():
     assert [level for level, _ in log.new()] == ["ERROR"]
 
 
-class Told:
-    """A device whose status the test tells."""
-
-    now = Status("streaming", "fine")
-
-    def status(self):
-        return self.now
-
-    def close(self):
-        """There is nothing to close."""
+LEVELS = {
+    "INFO": (DiagnosticStatus.OK, "streaming finished"),
+    "WARN": (DiagnosticStatus.WARN, "stopped identifying"),
+    "ERROR": (DiagnosticStatus.ERROR, "disconnected silent garbled late refused failed"),
+}
+FINE, DEAD_LINE = Status("streaming", "fine"), Status("disconnected", "no port")
+LOSSY = Status("streaming", "fine; 50 % are lost", troubles=(MOST_LOST,))
 
 
-@pytest.fixture
-def part(domain):
-    """A driver whose device and log are the test's."""
+def test_the_driver_logs_states_and_troubles_at_the_level_of_its_diagnostics(domain):
+    """Each once; troubles of a stream apart, and they are not over when the line is dead."""
     rclpy.init(args=ros_arguments({"layout": "equal-4x4"}), domain_id=domain)
-    node = PlainNode(Driver)
-    node.part._device.close()
-    node.part._device, node.part._log = Told(), Log()
-    node.part._conditions = Conditions(node.part._log)
-    yield node.part
+    node, log = PlainNode(Driver), Log()
+    part = node.part
+    part._device.close()
+    part._log, part._conditions = log, Conditions(log)
+    states = [
+        (Status(state, "why"), level, f"{state}: .*why.*")
+        for level, (_, names) in LEVELS.items()
+        for state in names.split()
+    ]
+    for status, level, said in (
+        *states,
+        (FINE, "INFO", "streaming: .*fine"),
+        (LOSSY, "ERROR", "50 % are lost"),
+        (DEAD_LINE, "ERROR", ".*no port"),
+        (LOSSY, "ERROR", ".*50 % are lost"),
+        (FINE, "INFO", "no longer the case: 50 % are lost"),
+    ):
+        part._device = SimpleNamespace(status=lambda status=status: status, close=lambda: None)
+        assert [part.report().level for _ in range(2)] == [LEVELS[level][0]] * 2
+        ((found, text),) = log.new()
+        assert found == level and re.fullmatch(said, text)
     node.destroy_node()
     rclpy.shutdown()
-
-
-LEVELS = {
-    DiagnosticStatus.OK: "INFO",
-    DiagnosticStatus.WARN: "WARN",
-    DiagnosticStatus.ERROR: "ERROR",
-}
-STATES = {
-    "streaming": "INFO",
-    "finished": "INFO",
-    "stopped": "WARN",
-    "identifying": "WARN",
-    "disconnected": "ERROR",
-    "silent": "ERROR",
-    "garbled": "ERROR",
-    "late": "ERROR",
-    "refused": "ERROR",
-    "failed": "ERROR",
-}
-
-
-def test_the_driver_logs_each_state_at_the_level_of_its_diagnostics(part):
-    for state, level in STATES.items():
-        part._device.now = Status(state, "why")
-        assert LEVELS[part.report().level] == level
-        ((logged, text),) = part._log.new()
-        assert logged == level and text.startswith(f"{state}: ") and "why" in text
-        part.report()
-        assert part._log.new() == []
-
-
-def test_troubles_of_a_stream_are_logged_apart_and_not_over_when_the_line_is_dead(part):
-    part._device.now = Status("streaming", "fine")
-    part.report()
-    part._log.new()
-    part._device.now = Status("streaming", "fine; 50 % are lost", troubles=(MOST_LOST,))
-    assert part.report().level == DiagnosticStatus.ERROR
-    assert part._log.new() == [("ERROR", "50 % are lost")]
-    part._device.now = Status("disconnected", "no port")
-    part.report()
-    ((level, text),) = part._log.new()
-    assert level == "ERROR" and "no port" in text
-    part._device.now = Status("streaming", "fine; 50 % are lost", troubles=(MOST_LOST,))
-    part.report()
-    ((level, text),) = part._log.new()
-    assert level == "ERROR" and "50 % are lost" in text
-    part._device.now = Status("streaming", "fine")
-    part.report()
-    assert part._log.new() == [("INFO", "no longer the case: 50 % are lost")]

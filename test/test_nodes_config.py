@@ -1,6 +1,7 @@
 """config/*.yaml and docs/parameters.md name every parameter of its node, and each of them does something."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -24,19 +25,27 @@ SPECS = {
 
 
 @pytest.mark.parametrize("name", SPECS)
-def test_every_parameter_is_there_with_its_default(name):
-    content = yaml.safe_load((CONFIG / f"{name}.yaml").read_text("utf-8"))
-    given = content[f"/**/{name}"]["ros__parameters"]
+def test_every_parameter_is_there_with_its_default_and_a_comment(name):
+    text = (CONFIG / f"{name}.yaml").read_text("utf-8")
+    given = yaml.safe_load(text)[f"/**/{name}"]["ros__parameters"]
     defaults = {spec.name: spec.default for spec in SPECS[name]}
     assert {key: tuple(v) if isinstance(v, list) else v for key, v in given.items()} == defaults
+    commented = re.findall(r"^ +(\w+):.*# ", text, re.MULTILINE)
+    assert set(defaults) <= set(commented)
 
 
-@pytest.mark.parametrize("name", SPECS)
-def test_every_parameter_has_a_comment(name):
-    lines = (CONFIG / f"{name}.yaml").read_text("utf-8").splitlines()
+@pytest.mark.parametrize("name", ["driver", "reconstruction"])
+def test_every_parameter_is_described_with_its_limits(name):
     for spec in SPECS[name]:
-        line = next((line for line in lines if line.strip().startswith(f"{spec.name}:")), "")
-        assert "# " in line, f"config/{name}.yaml: expected one line '{spec.name}: ... # comment'"
+        told = spec.descriptor()
+        assert told.description and told.read_only == spec.read_only
+        limits = {
+            int: told.integer_range,
+            float: told.floating_point_range,
+            (tuple, int): told.additional_constraints,
+        }
+        kind = type(spec.default)
+        assert limits.get((tuple, spec.items) if kind is tuple else kind, "none"), spec.name
 
 
 @pytest.mark.parametrize("name", ["driver", "reconstruction"])
@@ -51,9 +60,8 @@ def test_every_parameter_is_documented(name):
 
 
 def test_every_parameter_of_the_reconstruction_is_a_setting_or_of_the_node():
-    specs = reconstruction.SPECS
-    defaults = {spec.name: spec.default for spec in specs}
-    for spec in specs:
+    defaults = {spec.name: spec.default for spec in reconstruction.SPECS}
+    for spec in reconstruction.SPECS:
         if spec.read_only or spec.name in OF_THE_NODE:
             continue
         values = {**defaults, spec.name: _another(spec)}
@@ -61,9 +69,8 @@ def test_every_parameter_of_the_reconstruction_is_a_setting_or_of_the_node():
             with pytest.raises(InputError):
                 settings_of(values)
             continue
-        assert settings_of(values) != settings_of(defaults), (
-            f"{spec.name} changes no Settings: name a field of them like it, or add it to OF_THE_NODE"
-        )
+        changes = settings_of(values) != settings_of(defaults)
+        assert changes, f"{spec.name}: name a field of Settings like it, or add it to OF_THE_NODE"
 
 
 def test_the_aggregator_finds_each_status_in_one_group(probe, start):

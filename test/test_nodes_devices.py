@@ -12,29 +12,21 @@ from tomotactile_ros.devices import KINDS
 from tomotactile_ros.nodes.data_source import NATURES
 
 
-@pytest.fixture
-def curved(tmp_path):
-    """File of a layout with a curved surface."""
-    return ros_checks.write_curved_layout(tmp_path)
-
-
-def test_a_curved_sheet_on_a_line_and_recorded(probe, start, domain, curved, scene, tmp_path):
+def test_a_curved_sheet_on_a_line_and_recorded(probe, start, spawn, scene, tmp_path):
     """One reconstruction, of the sensor at first and then of its recording."""
+    curved = ros_checks.write_curved_layout(tmp_path)
     reconstruction = start("reconstruction", {"layout": curved})
-    emulator = ros_checks.plug_in(tmp_path, curved, scene, domain)
-    try:
-        for device in ("serial", "replay"):
-            source = ros_checks.arguments_of(device, tmp_path, curved, scene)
-            driver = start("driver", {"layout": curved, "loop": "true", **source})
-            ros_checks.check_topics(probe)
-            ros_checks.check_contact(probe, bent=True)
-            ros_checks.check_surface(probe)
-            ros_checks.check_diagnostics(probe, "driver: device", DiagnosticStatus.OK, "")
-            ros_checks.check_tare(probe)
-            ends_cleanly(driver)
-        ends_cleanly(reconstruction)
-    finally:
-        emulator.kill()
+    spawn(*ros_checks.emulator(tmp_path, curved, scene), warm=False)
+    for device in ("serial", "replay"):
+        source = ros_checks.arguments_of(device, tmp_path, curved, scene)
+        driver = start("driver", {"layout": curved, "loop": "true", **source})
+        ros_checks.check_topics(probe)
+        ros_checks.check_contact(probe, bent=True)
+        ros_checks.check_surface(probe)
+        ros_checks.check_diagnostics(probe, "driver: device", DiagnosticStatus.OK, "")
+        ros_checks.check_tare(probe)
+        ends_cleanly(driver)
+    ends_cleanly(reconstruction)
 
 
 def test_only_data_of_sensors_are_not_marked():

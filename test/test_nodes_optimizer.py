@@ -10,7 +10,7 @@ import pytest
 rclpy = pytest.importorskip("rclpy")
 
 from process_support import descendants, running
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from ros_checks import LATCHED
 from ros_support import LIMIT, Probe, ros_arguments
 from sensor_msgs.msg import Image
 
@@ -21,8 +21,6 @@ from tomotactile_ros.nodes.running import PlainNode
 from tomotactile_ros.optimizer.equalize import equalize
 from tomotactile_ros.optimizer.options import OPTIONS
 from tomotactile_ros.optimizer.request import Request
-
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 def test_every_option_of_the_command_is_a_parameter_and_means_the_same():
@@ -44,29 +42,26 @@ def test_every_option_of_the_command_is_a_parameter_and_means_the_same():
             assert option.given(spec.default) == action.default, name
 
 
-def test_it_writes_the_layout_and_ends(start, tmp_path):
+GRID = {"layout": "equal-4x4"}
+
+
+@pytest.mark.parametrize(
+    "parameters, electrodes, rows, said",
+    [
+        ({**GRID, "method": "equalize", "steps": 1, "name": "better"}, 16, 0, "step 1 of 1"),
+        ({**GRID, "method": "scan", "frame_time": 0.004, "resolution": 10}, 16, 4, "4 rows"),
+        ({"explore": "[4, 9]", "place": 0.1}, 4, 0, "are the fewest"),
+    ],
+    ids=["places", "rows", "number"],
+)
+def test_it_writes_the_layout_and_ends(start, tmp_path, parameters, electrodes, rows, said):
     out = tmp_path / "better.yaml"
-    parameters = {"layout": "equal-4x4", "method": "equalize", "steps": 1}
-    parameters |= {"out": out, "name": "better"}
-    process = start("optimizer", parameters, warm=False)
+    process = start("optimizer", {**parameters, "out": out}, warm=False)
     assert process.wait() == 0, process.output
     layout = load_layout(out)
-    assert layout.name == "better" and layout.electrodes == 16
-    assert layout.provenance["algorithm"] == "equalize"
-    assert "step 1 of 1" in process.output
-    assert out.with_suffix(".png").exists()
-
-
-def test_it_chooses_rows_and_numbers_of_electrodes_as_the_command_does(start, tmp_path):
-    scan, few = tmp_path / "scan.yaml", tmp_path / "few.yaml"
-    given = {"layout": "equal-4x4", "method": "scan", "frame_time": 0.004, "out": scan}
-    process = start("optimizer", {**given, "resolution": 10, "report": tmp_path / "rows.png"})
-    assert process.wait() == 0, process.output
-    assert len(load_layout(scan).scan) == 4 and (tmp_path / "rows.png").exists()
-    assert "4 rows" in process.output and "no choice of as many" in process.output
-    process = start("optimizer", {"explore": "[4, 9]", "place": 0.1, "out": few})
-    assert process.wait() == 0, process.output
-    assert load_layout(few).electrodes == 4 and "are the fewest" in process.output
+    assert layout.name == parameters.get("name", layout.name)
+    assert layout.electrodes == electrodes and said in process.output
+    assert len(layout.scan or ()) == rows or not rows
 
 
 def test_a_stop_ends_the_processes_of_the_search(probe, start, tmp_path):
@@ -85,11 +80,10 @@ class Patient:
     """Stands for the steps of a search: two of them in turn until told, then one without an end."""
 
     def __init__(self):
-        self.be_slow = threading.Event()
-        self.end = threading.Event()
+        self.be_slow, self.end = threading.Event(), threading.Event()
         self.waited_for = False
 
-    def steps(self, request):
+    def steps(self, request, _):
         start, better = equalize(request.layout, 1)
         yield start
         while not self.be_slow.wait(0.05):
@@ -98,18 +92,12 @@ class Patient:
         self.waited_for = not self.end.wait(LIMIT)
 
 
-@pytest.fixture
-def patient(monkeypatch):
-    """Lets the optimizer do these steps."""
-    search = Patient()
-    monkeypatch.setattr(Request, "steps_of", lambda request, _: search.steps(request))
-    yield search
-    search.end.set()
-
-
-def test_it_shows_a_map_of_each_step_and_a_stop_keeps_the_best_so_far(patient, domain, tmp_path):
-    out = tmp_path / "best.yaml"
-    parameters = {"layout": "equal-4x4", "method": "equalize", "out": out}
+def test_it_shows_a_map_of_each_step_and_a_stop_keeps_the_best_so_far(
+    domain, tmp_path, monkeypatch
+):
+    patient, out = Patient(), tmp_path / "best.yaml"
+    monkeypatch.setattr(Request, "steps_of", lambda *words: patient.steps(*words))
+    parameters = {**GRID, "method": "equalize", "out": out}
     rclpy.init(args=ros_arguments(parameters), domain_id=domain)
     node = PlainNode(optimizer.Optimizer)
     probe = Probe(domain)
@@ -119,10 +107,12 @@ def test_it_shows_a_map_of_each_step_and_a_stop_keeps_the_best_so_far(patient, d
     node.destroy_node()
     probe.close()
     rclpy.try_shutdown()
+    patient.end.set()
     assert not patient.waited_for
     shown = maps[0]
     hwhm = np.frombuffer(shown.data, np.float32)
     assert shown.encoding == "32FC1" and shown.header.frame_id == "tactile_link"
     assert 0.0 < hwhm.min() < hwhm.max() < 0.2
-    best = load_layout(out).provenance["metrics"]["after"]["hwhm"]["worst_region"]
-    assert best < load_layout(out).provenance["metrics"]["before"]["hwhm"]["worst_region"]
+    metrics = load_layout(out).provenance["metrics"]
+    after, before = (metrics[when]["hwhm"]["worst_region"] for when in ("after", "before"))
+    assert after < before

@@ -9,9 +9,9 @@ pytest.importorskip("rclpy")
 
 import ros_checks
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Point
-from ros_support import Process, ends_cleanly, program
+from ros_support import ends_cleanly, program
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Temperature
 from std_srvs.srv import Trigger
@@ -21,51 +21,44 @@ from tomotactile_ros.layouts.scan_order import spread
 from tomotactile_ros.msg import Contact, ContactArray, VoltageFrame
 from tomotactile_ros.nodes.conversions import stamp_of
 
-PROMISED = {
-    "state", "frames", "rate_wanted", "rate_device", "rate_seen", "packets_lost", "crc_errors",
-    "resynchronisations", "reconnects", "latency_mean_ms", "latency_p99_ms",
-    "latency_max_ms", "age_ms",
-    "dead_channels", "clock_jumps",
-    "low_latency",
-}  # fmt: skip
+PROMISED = """
+    state frames rate_wanted rate_device rate_seen packets_lost crc_errors resynchronisations
+    reconnects latency_mean_ms latency_p99_ms latency_max_ms age_ms dead_channels clock_jumps
+    low_latency
+"""
 
 
 @pytest.fixture
-def plug(domain, tmp_path, scene):
+def plug(spawn, tmp_path, scene):
     """Plugs a sensor in, the emulator in a process of its own, always at the same port."""
     port = tmp_path / "port"
-    plugged = []
 
     def plug_in(*arguments):
         port.unlink(missing_ok=True)
-        words = ["--port", f"pty:{port}", "--scene", scene, *arguments]
-        plugged.append(Process([program("emulator"), *words], domain))
-        return plugged[-1]
+        return spawn(program("emulator"), "--port", f"pty:{port}", "--scene", scene, *arguments)
 
     plug_in.port = str(port)
-    yield plug_in
-    for process in plugged:
-        process.kill()
+    return plug_in
 
 
-def values(probe, suits) -> dict[str, str]:
+@pytest.fixture
+def values(probe):
     """The driver's figures, once they suit."""
 
-    def mine(message):
-        return [s for s in message.status if s.name == "driver: device"]
+    def suitable(**wanted) -> dict[str, str]:
+        def suits(status):
+            return wanted.items() <= {v.key: v.value for v in status.values}.items()
 
-    def fit(message):
-        return any(suits({v.key: v.value for v in s.values}) for s in mine(message))
+        status = ros_checks.status_of(probe, "driver: device", suits)
+        return {v.key: v.value for v in status.values}
 
-    message = probe.wait_for(DiagnosticArray, "/diagnostics", fit)
-    return {v.key: v.value for v in mine(message)[0].values}
+    return suitable
 
 
-def test_the_driver_waits_for_its_sensor_loses_it_and_gets_it_back(probe, start, plug):
+def test_the_driver_waits_for_its_sensor_loses_it_and_gets_it_back(probe, start, plug, values):
     driver = start("driver", {"device": "serial", "port": plug.port, "rate": 40})
-    ros_checks.check_diagnostics(
-        probe, "driver: device", DiagnosticStatus.ERROR, "does not exist; plug the sensor in"
-    )
+    missing = DiagnosticStatus.ERROR, "does not exist; plug the sensor in"
+    ros_checks.check_diagnostics(probe, "driver: device", *missing)
     answer = probe.call(Trigger, "/driver/restart")
     assert not answer.success
     assert "disconnected" in answer.message and plug.port in answer.message
@@ -77,43 +70,24 @@ def test_the_driver_waits_for_its_sensor_loses_it_and_gets_it_back(probe, start,
     assert list(frame.grounded) == jumping
     assert np.array_equal(np.isnan(voltages), np.eye(64, dtype=bool)[jumping])
     assert np.nanmax(voltages) > 0.1
-    assert PROMISED <= set(values(probe, lambda v: v["rate_device"] == "40"))
-
-    assert probe.set_parameter("/driver", "rate", 80.0).successful
-    values(probe, lambda v: v["rate_device"] == "80")
-    assert probe.set_parameter("/driver", "streaming", False).successful
-    values(probe, lambda v: v["state"] == "stopped")
-    assert probe.set_parameter("/driver", "streaming", True).successful
-    values(probe, lambda v: v["state"] == "streaming")
-
+    assert set(PROMISED.split()) <= set(values(rate_device="40"))
     sensor.kill()
-    values(probe, lambda v: v["state"] == "disconnected")
+    values(state="disconnected")
     assert probe.set_parameter("/driver", "rate", 20.0).successful
     plug()
-    found = values(probe, lambda v: v["rate_device"] == "20" and v["state"] == "streaming")
-    assert int(found["reconnects"]) >= 1
+    assert int(values(rate_device="20", state="streaming")["reconnects"]) >= 1
     probe.wait_for(VoltageFrame, "/voltage_frame")
-
     assert probe.call(Trigger, "/driver/restart").success
-    values(probe, lambda v: v["state"] == "streaming" and v["reconnects"] == "0")
+    values(state="streaming", reconnects="0")
     ends_cleanly(driver)
 
 
 def test_rows_an_order_and_the_temperature_come_through_the_driver(probe, start, plug, tmp_path):
     plug("--temperature", "31.5")
     capture = tmp_path / "line.raw"
-    start(
-        "driver",
-        {
-            "device": "serial",
-            "port": plug.port,
-            "delivery": "rows",
-            "rows_per_message": 5,
-            "scan": "[9, 0, 63, 9, 27, 54, 1]",
-            "capture": capture,
-        },
-    )
     order = [9, 0, 63, 9, 27, 54, 1]
+    rows = {"delivery": "rows", "rows_per_message": 5, "scan": order, "capture": capture}
+    start("driver", {"device": "serial", "port": plug.port, **rows})
     frame = probe.wait_for(VoltageFrame, "/voltage_frame", lambda m: len(m.grounded) == 7)
     assert list(frame.grounded) == order
     rows = probe.listen(VoltageFrame, "/voltage_rows", 1000)
@@ -132,12 +106,14 @@ def test_rows_an_order_and_the_temperature_come_through_the_driver(probe, start,
     probe.until(lambda: distances() == pytest.approx([5e-3] * 10, abs=1e-3), "rows 5 ms apart")
     told = probe.wait_for(Temperature, "/temperature")
     assert told.temperature == 31.5 and told.header.frame_id == "tactile_link"
-    refused = probe.set_parameter("/driver", "scan", [0, 64])
-    assert not refused.successful and "electrode 64 does not exist" in refused.reason
     assert probe.set_parameter("/driver", "scan", [3]).successful
     probe.wait_for(VoltageFrame, "/voltage_frame", lambda m: list(m.grounded) == [3])
-    refused = probe.set_parameter("/driver", "capture", "/tmp/other.raw")
-    assert not refused.successful and "read-only" in refused.reason
+    for name, value, why in (
+        ("scan", [0, 64], "electrode 64 does not exist"),
+        ("capture", "/tmp/other.raw", "read-only"),
+    ):
+        refused = probe.set_parameter("/driver", name, value)
+        assert not refused.successful and why in refused.reason
     assert capture.read_bytes().startswith(b"tomotactile-raw/1\n")
 
 
@@ -145,21 +121,14 @@ def test_contacts_choose_what_the_next_frame_grounds(probe, start, plug):
     plug()
     start("driver", {"device": "serial", "port": plug.port, "order": "adaptive"})
     publisher = probe.node.create_publisher(ContactArray, "contacts", 1)
-    contact = Contact(position=Point(x=0.03, y=0.02))
-    timer = probe.node.create_timer(
-        0.05, lambda: publisher.publish(ContactArray(contacts=[contact]))
-    )
+    touched = ContactArray(contacts=[Contact(position=Point(x=0.03, y=0.02))])
+    timer = probe.node.create_timer(0.05, lambda: publisher.publish(touched))
     positions = load_layout("equal-8x8").positions
-    nearest = np.argsort(np.hypot(*(positions - [0.03, 0.02]).T))[:12]
+    nearest = set(np.argsort(np.hypot(*(positions - [0.03, 0.02]).T))[:12].tolist())
     frames = probe.listen(VoltageFrame, "/voltage_frame", 1000)
-    probe.until(
-        lambda: frames and set(nearest.tolist()) <= set(frames[-1].grounded),
-        "rows near the contact",
-    )
+    probe.until(lambda: frames and nearest <= set(frames[-1].grounded), "rows near the contact")
     del frames[:]
-    probe.until(
-        lambda: len({e for frame in frames for e in frame.grounded}) == 64, "all electrodes"
-    )
+    probe.until(lambda: len({e for f in frames for e in f.grounded}) == 64, "all electrodes")
     assert {len(frame.grounded) for frame in frames} == {16}
     probe.node.destroy_timer(timer)
     assert probe.set_parameter("/driver", "order", "device").successful
@@ -190,23 +159,16 @@ def test_stamps_in_simulated_time_go_back_only_with_it(probe, start, plug):
         assert second - 30 < stamp_of(temperatures[0].header) <= second
 
 
-def test_a_sensor_that_prints_text_comes_through_the_driver(probe, start, plug):
-    """The emulator prints; a layout that does not fit, then one that does."""
+def test_a_sensor_that_prints_text_comes_through_the_driver(probe, start, plug, values):
     plug("--protocol", "text-12bit", "--layout", "equal-4x4")
     text = {"device": "serial", "port": plug.port, "protocol": "text-12bit"}
-    other = start("driver", {**text, "layout": "equal-8x8"})
-    ros_checks.check_diagnostics(
-        probe, "driver: device", DiagnosticStatus.ERROR, "16 fields, the layout has 64 electrodes"
-    )
-    ends_cleanly(other)
     driver = start("driver", {**text, "layout": "equal-4x4", "order": "adaptive"})
     frame = probe.wait_for(VoltageFrame, "/voltage_frame", lambda m: m.electrodes == 16)
     assert list(frame.grounded) == list(range(16))
     voltages = np.reshape(frame.voltages, (16, 16))
     assert np.array_equal(np.isnan(voltages), np.eye(16, dtype=bool))
     assert 0.1 < np.nanmax(voltages) < 3.3 and frame.row_period > 0
-    found = values(probe, lambda v: v["state"] == "streaming")
-    assert int(found["lines"]) >= 16
+    assert int(values(state="streaming")["lines"]) >= 16
     refused = probe.set_parameter("/driver", "protocol", "text-volts")
     assert not refused.successful and "text-V" in refused.reason
     ends_cleanly(driver)

@@ -11,26 +11,16 @@ from rclpy.node import NodeNameNonExistentError
 from sensor_msgs.msg import Image
 
 POLICY = Path(__file__).resolve().parent.parent / "config" / "security" / "policy.xml"
-SOMETIMES = {
-    "/clock",
-    "/parameter_events",
-    "/sensor_state",
-    "/surface",
-    "/touches",
-    "/tf",
-    "/tf_static",
-}  # by parameters and layout
+SOMETIMES = {  # by parameters and layout
+    "/clock", "/parameter_events", "/sensor_state", "/surface", "/touches", "/tf", "/tf_static",
+}  # fmt: skip
 
 
 def allowed(node: str, kind: str, what: str) -> set[str]:
     """Full names of the topics or services that the policy allows a node."""
     tree = ElementTree.parse(POLICY)
-    names = set()
-    for profile in tree.iter("profile"):
-        if profile.get("node") == node:
-            for group in profile.findall(kind):
-                if group.get(what) == "ALLOW":
-                    names |= {e.text for e in group}
+    groups = tree.iterfind(f".//profile[@node='{node}']/{kind}[@{what}='ALLOW']")
+    names = {each.text for group in groups for each in group}
     return {n.replace("~", f"/{node}") if n[0] in "~/" else f"/{n}" for n in names}
 
 
