@@ -102,10 +102,12 @@ def test_a_row_says_everything_in_plain_numbers(row):
     assert json.loads(json.dumps(plain(row), allow_nan=False)) == plain(row)
 
 
-def test_two_contacts_are_told_apart_where_both_are_found():
+def test_two_contacts_are_told_apart_and_their_forces_judged_where_both_are_found():
     places = (0.01, 0.02), (-0.03, 0.0)
     both, one = (SimpleNamespace(contacts=contacts(*places[:n])) for n in (2, 1))
     assert accuracy.told_apart([both, one], [truth(*places)] * 2).tolist() == [True, False]
+    forces = truth(places[0], force=1.0) + truth(places[1], force=2.0)
+    assert accuracy._all_force_errors([both, one], [forces] * 2).tolist() == [0.0, 0.5, 0.0, 1.0]
 
 
 def test_force_errors_are_relative_and_one_where_nothing_is_reported():
