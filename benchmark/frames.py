@@ -1,6 +1,6 @@
 """Frames by what they show: how long they take, and how often they show a contact that is none.
 
-    scripts/setup python3 benchmark/frames.py [--profiles accurate ...] [--cases NAME ...] [--states N]
+    scripts/setup python3 benchmark/frames.py [--profiles accurate ...] [--states N]
     scripts/setup python3 benchmark/frames.py --idle 100000 --pressed 12000
 
 States of the reference model on 8 x 8 electrodes, 1 mV, 12 bits, no times of rows. Times: of each state two
@@ -84,7 +84,6 @@ def main() -> None:
     asked = options(
         __doc__,
         profiles=(["accurate"], None, PROFILES),
-        cases=(list(CASES), None, CASES),
         states=(24, "of each case, at most"),
         idle=(0, "frames, for alarms"),
         pressed=(0, "frames, for alarms"),
@@ -95,9 +94,9 @@ def main() -> None:
             table.add(kind, *map(str, counts))
         return
     table = Table("case", "profile", *(f"{kind}, ms: median / p95" for kind in KINDS))
-    for case in asked.cases:
+    for case, given in CASES.items():
         for profile in asked.profiles:
-            found = times(*CASES[case], profile, asked.states)
+            found = times(*given, profile, asked.states)
             table.add(case, profile, *(spread(found[part].ravel()) for part in KINDS.values()))
 
 

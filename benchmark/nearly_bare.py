@@ -6,7 +6,7 @@ random places, and shows by what the reported forces are off, what the reports s
 by, and how many true forces lie within two of these standard deviations. `inf` : a bare conductor as far
 as readings tell; its force is a lower bound, and counts as held where it is one.
 
-    scripts/setup python3 benchmark/nearly_bare.py [--layout equal-8x8] [--count 8] [--profile accurate] [--rims]
+    scripts/setup python3 benchmark/nearly_bare.py [--count 8] [--rims]
 
 Frames are made by finite elements, the reconstruction uses closed forms. With --rims: places of bare conductors
 on and beside electrodes, against the reference model, whose elements are bent along both rims.
@@ -16,6 +16,7 @@ from itertools import product
 
 import numpy as np
 
+from tomotactile_ros.bench.cases import DEFAULT_LAYOUT
 from tomotactile_ros.bench.program import Table, options, spread
 from tomotactile_ros.bench.reference import ReferenceSheet, reference_frame
 from tomotactile_ros.bench.reference_mesh import disc
@@ -33,7 +34,7 @@ BARE = 1e4  # S/m2
 GAPS = {"covers it": (-np.inf, -2), "rims cross": (-2, 0), "beside it": (0, 1)}
 
 
-def rims(layout: Layout, count: int, profile: str) -> None:
+def rims(layout: Layout, count: int) -> None:
     """How far off places are, and how many lie in their ellipses of 95 %."""
     found: dict[str, list[tuple[float, bool]]] = {name: [] for name in GAPS}
     sheet, draw, other, outline = (
@@ -53,7 +54,7 @@ def rims(layout: Layout, count: int, profile: str) -> None:
             continue
         frame = reference_frame(sheet.solve([(disc(at, radius), BARE)]), DRIVE)
         frame += draw.normal(0, NOISE, frame.shape)
-        contacts = make_pipeline(layout, profile).process(frame, layout.grounded, DRIVE).contacts
+        contacts = make_pipeline(layout).process(frame, layout.grounded, DRIVE).contacts
         if len(contacts) != 1:
             other += 1
             continue
@@ -66,10 +67,10 @@ def rims(layout: Layout, count: int, profile: str) -> None:
     print(f"not one contact: {other}")
 
 
-def strengths(layout: Layout, count: int, profile: str) -> None:
+def strengths(layout: Layout, count: int) -> None:
     """How far off forces are, and by how much they may be as they say."""
     pitch, half = float(np.median(layout.pitches)), np.array(layout.outline.size) / 2
-    pipeline, draw = make_pipeline(layout, profile), np.random.default_rng(1)
+    pipeline, draw = make_pipeline(layout), np.random.default_rng(1)
     table = Table(
         *("radius mm", "g R_s/2 pi", "off by %: median", "worst"),
         *("said %: median", "inf", "held", "other count"),
@@ -100,13 +101,11 @@ def strengths(layout: Layout, count: int, profile: str) -> None:
 def main() -> None:
     given = options(
         __doc__,
-        layout="equal-8x8",
         count=(8, "contacts in a row of the table"),
-        profile="accurate",
         rims=(False, "bare conductors at electrodes instead"),
     )
     measure = rims if given.rims else strengths
-    measure(load_layout(given.layout), given.count, given.profile)
+    measure(load_layout(DEFAULT_LAYOUT), given.count)
 
 
 if __name__ == "__main__":
