@@ -27,7 +27,9 @@ def measure(tick: Callable[[float], None]) -> dict:
     `tick` is told which fraction is done. Durations in s, all measured in turn, memory in bytes;
     exponents count electrodes n^2 and pixels m^2.
     """
-    pipelines, frames, memories = {}, {}, {}
+    pipelines: dict = {}
+    frames: dict = {}
+    memories: dict = {}
     groups = {
         "electrodes": [(n, _DEFAULT[1]) for n in ELECTRODES],
         "pixels": [(_DEFAULT[0], m) for m in RESOLUTIONS],
@@ -42,13 +44,13 @@ def measure(tick: Callable[[float], None]) -> dict:
         frames[side, resolution] = [partial(pipeline.process, frame, layout.grounded, DRIVE)]
         tick(len(frames) / len(sizes))
     setups = timing.in_turn(pipelines, least=3, seconds=_SECONDS, warm=False)
-    frames = timing.in_turn(frames, least=20, seconds=_SECONDS, turn=0.01)
+    times = timing.in_turn(frames, least=20, seconds=_SECONDS, turn=0.01)
     points = {
         size: {
             "electrodes": size[0] ** 2,
             "pixels": size[1] ** 2,
             "setup": timing.undisturbed(setups[size]),
-            "frame": timing.undisturbed(frames[size]),
+            "frame": timing.undisturbed(times[size]),
             "memory": memories[size],
         }
         for size in sizes

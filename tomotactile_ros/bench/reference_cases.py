@@ -202,11 +202,13 @@ def beside_states(layout, random, count) -> list[State]:
     """A disc alone and the same beside a second, by turns, `count` times; 30 mm apart at least."""
     states = []
     for _ in range(count):
+        places: list[np.ndarray] = []
         presses: list[Press] = []
         while len(presses) < 2:
             radius = 0.004 + 0.004 * random.random()
             place = _anywhere(random, layout.outline, radius + 1e-4)
-            if all(np.linalg.norm(place - each.shape.center) >= 0.03 for each in presses):
+            if all(np.linalg.norm(place - other) >= 0.03 for other in places):
+                places.append(place)
                 presses.append(_pressed(disc(place, radius), "disc", random, 1e4, 3e4))
         states += [State("one", presses[:1]), State("two", presses)]
     return states

@@ -17,6 +17,7 @@ from itertools import chain, pairwise
 import numpy as np
 
 from tomotactile_ros.layouts.layout import Layout
+from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.layouts.region import Region
 from tomotactile_ros.support.errors import InputError
 
@@ -143,7 +144,7 @@ def _surface(occ, shape: Shape) -> int:
         if b > a:  # Gmsh takes the longer one first
             a, b, angle = b, a, angle + math.pi / 2
         return occ.addDisk(x, y, 0, a, b, xAxis=[math.cos(angle), math.sin(angle), 0])
-    if getattr(shape, "kind", None) == "circle":
+    if isinstance(shape, Outline) and shape.kind == "circle":
         sheet = occ.addDisk(0, 0, 0, shape.radius, shape.radius)
     else:
         sheet = _polygon(occ, shape.shell)

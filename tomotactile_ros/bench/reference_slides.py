@@ -67,7 +67,8 @@ def slides(name: str) -> tuple[Layout, list[Slide]]:
     random = np.random.default_rng(crc32(f"slides {name}".encode()))
     longest = max(SPEEDS) * ROW_PERIOD * (SCANS * layout.electrodes - 1)
     ways = np.linspace(0, longest, 16)[:, None]
-    made, outline = [], layout.outline
+    made: list[Slide] = []
+    outline = layout.outline
     while len(made) < COUNT:
         radius, pressure = random.uniform(*_RADII), random.uniform(*_PRESSURES)
         start = (random.random(2) - 0.5) * outline.size

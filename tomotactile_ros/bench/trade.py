@@ -55,7 +55,9 @@ def measure(
               textbook sensor
     memory    of the pipeline after a frame
     """
-    makers = {case.layout: [partial(timing.afresh, Case(case.layout).pipeline)] for case in cases}
+    makers: dict = {
+        case.layout: [partial(timing.afresh, Case(case.layout).pipeline)] for case in cases
+    }
     setups = _compared(
         timing.in_turn(makers, least=1, seconds=effort.seconds, turn=0.05, warm=False)
     )

@@ -55,9 +55,9 @@ def ratio_rows(runs: Sequence[Run], count: int) -> Iterator[list[str]]:
     """Rows of the table of N x N electrodes: equal and optimized in %, their ratios, and how far these
     are from the article's."""
     reported = REPORTED[count]
-    equal, best = (", ".join(map(str, each)) for each in (reported.equal, reported.optimized))
+    first, last = (", ".join(map(str, each)) for each in (reported.equal, reported.optimized))
     only = "in a figure only"
-    given = f"{equal}, {only}", f"{best}, {only} (update {reported.best})"
+    given = f"{first}, {only}", f"{last}, {only} (update {reported.best})"
     yield ["article", *given, _three(reported.ratios), "", ""]
     for run in runs:
         if run.count != count:

@@ -124,7 +124,7 @@ def _sheets(rows: int, columns: int, size: tuple[float, float]):
     return figure, axes
 
 
-def _merits(found: Spread | Image) -> str:
+def _merits(found) -> str:
     return f"HWHM {100 / SIDE * found.hwhm:.1f} %, PE {100 / SIDE * found.error:.1f} %"
 
 

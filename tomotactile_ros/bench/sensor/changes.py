@@ -54,7 +54,8 @@ def sliding(case: str, data: SlideData, speed: float, step: int = 1) -> Trial:
     """Every `step`-th touch that slides straight at one of the speeds (m/s), after an untouched
     scan."""
     electrodes, period = data.layout.electrodes, data.made["row_period"]
-    frames, truths = [], []
+    frames = []
+    truths: list[list[dict] | None] = []
     for i, slide in list(enumerate(data.slides))[::step]:
         rows = DRIVE * data.rows[i, data.speeds.index(speed)].astype(float)
         scans = rows.reshape(-1, electrodes, electrodes)

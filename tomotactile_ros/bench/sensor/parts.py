@@ -51,7 +51,7 @@ WORN = Wiring(Channels(Rms(0.02, _SEED), Rms(0.002, _SEED), Uniform(150, 75, _SE
 _TEXTBOOK, _WIDE = ("textbook-8x8", None, 24), "wide-8x8"  # family, case, most
 _SHEET = "sheets-8x8"
 # presses by part: words, what `states` is asked for, wiring
-PRESSES = {
+PRESSES: dict[str, list[tuple]] = {
     "channels": [(words, _TEXTBOOK, wiring) for words, wiring in WIRINGS.items()],
     "sheets": [
         ("random field 10 %", (_SHEET, "random 10%"), IDEAL),
