@@ -8,27 +8,21 @@ slits; the estimator has the layout alone. One contact of 0.5 to 3 N on 6 mm rad
 About a second a frame. Needs Gmsh and scikit-fem.
 """
 
-import argparse
-import os
 from dataclasses import replace
-
-os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
 
+from tomotactile_ros.bench.program import Table, options
 from tomotactile_ros.bench.reference import ReferenceSheet
-from tomotactile_ros.bench.reference_cases import Press
-from tomotactile_ros.bench.reference_mesh import disc
 from tomotactile_ros.bench.sensor import tables
-from tomotactile_ros.bench.sensor.states import solved
+from tomotactile_ros.bench.sensor.states import FINGER, fingers
 from tomotactile_ros.bench.sensor.trial import judge, presses
-from tomotactile_ros.bench.tables import text
 from tomotactile_ros.bench.trials import DRIVE, NOISE, make_pipeline
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.learning.recorded import learn
 
-RADIUS, SLIT = 0.006, 0.0005  # m, of contacts, and how wide a tear gapes
+SLIT = 0.0005  # m, how wide a tear gapes
 
 
 def grid(side, count=8, half=0.1, radius=None, holes=()):
@@ -61,42 +55,36 @@ CASES = {  # layout, and what was made of it
 }
 
 
-def pressed(layout, random, count):
-    """`count` touches at random places, clear of rims."""
-    found = []
-    while len(found) < count:
+def places(layout, random, count):
+    """So many, clear of rims."""
+    while count:
         at = random.uniform(-0.09, 0.09, 2)
-        if layout.outline.rim_distance(at[None])[0] >= 1.5 * RADIUS:
-            pressure = random.uniform(0.5, 3.0) / (np.pi * RADIUS**2)
-            found.append(Press(disc(at, RADIUS), "disc", pressure))
-    return found
+        if layout.outline.rim_distance(at[None])[0] >= 1.5 * FINGER:
+            count -= 1
+            yield at
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("cases", nargs="*", metavar="CASE", help=", ".join(CASES))
-    parser.add_argument("--touches", type=int, default=30, help="to learn from; 0: none (30)")
-    parser.add_argument("--presses", type=int, default=12, help="that are judged (12)")
-    args = parser.parse_args()
-    if not set(args.cases) <= set(CASES):
-        parser.error(f"CASE: one of {', '.join(CASES)} is needed")
-    rows = []
+    args = options(
+        __doc__,
+        *CASES,
+        touches=(30, "to learn from; 0: none (30)"),
+        presses=(12, "that are judged (12)"),
+    )
+    table = Table("case", "method", *tables.HEADER)
     for name in args.cases or CASES:
         drawn, made = CASES[name]
         sheet, random = ReferenceSheet(made), np.random.default_rng(3)
-        judging = solved(sheet, pressed(made, random, args.presses))
-        trial = replace(presses(name, judging), layout=drawn)
+        judging = presses(name, fingers(sheet, places(made, random, args.presses), random))
         methods = {each: make_pipeline(drawn, each) for each in ("fast", "accurate")}
         if args.touches:
-            touched = presses(name, solved(sheet, pressed(made, random, args.touches)))
+            touched = presses(name, fingers(sheet, places(made, random, args.touches), random))
             frames = np.where(np.eye(len(drawn.positions), dtype=bool), np.nan, touched.frames)
             state = learn(drawn, frames, drawn.grounded, DRIVE, noise=NOISE).state
             methods["learned"] = make_pipeline(drawn, sensor=state)
         for method, pipeline in methods.items():
-            found = judge(pipeline, trial)
-            rows.append([name, method, *tables.cells(found)])
-            print("  ".join(rows[-1]), flush=True)
-    print("\n".join(["", *text(("case", "method", *tables.HEADER), rows, fixed=2)]))
+            found = judge(pipeline, replace(judging, layout=drawn))
+            table.add(name, method, *tables.cells(found))
 
 
 if __name__ == "__main__":

@@ -8,7 +8,6 @@ asked.
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import json
 import os
@@ -19,6 +18,7 @@ import sys
 import tempfile
 import time
 import uuid
+from argparse import Namespace
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -27,7 +27,7 @@ import numpy as np
 import yaml
 from nodes import FOLDER, arguments
 
-from tomotactile_ros.bench.tables import markdown
+from tomotactile_ros.bench.program import Table
 
 MARK = "TOMOTACTILE_FAULTS"
 SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGKILL)
@@ -112,18 +112,22 @@ def broken_files(folder: Path, known: set[str]) -> list[str]:
 
 
 def kill_once(program: Program, moment: float, how: signal.Signals) -> Counter:
-    """End the program at that moment (s) in that way; count what is wrong behind it."""
+    """End the program at that moment (s) in that way; count and tell what is wrong behind it."""
     seen, mark = Counter(), uuid.uuid4().hex
+
+    def tell(what: str, words: str, number: int = 1) -> None:
+        seen[what] += number
+        print(f"    {how.name} after {moment:.2f} s: {words}", file=sys.stderr)
+
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        home, work = folder / "home", folder / "work"
+        home, work, errors = folder / "home", folder / "work", folder / "errors"
         home.mkdir()
         work.mkdir()
         environment = {**os.environ, MARK: mark, "TMPDIR": str(home), "ROS_LOG_DIR": str(home)}
         for words in program.prepare:
             subprocess.run(words, cwd=work, check=True, stdout=subprocess.DEVNULL)
         known = {path.name for path in work.iterdir()}
-        errors = folder / "errors"
         with errors.open("wb") as file:
             process = subprocess.Popen(
                 program.words, cwd=work, env=environment, stdin=subprocess.DEVNULL,
@@ -136,51 +140,47 @@ def kill_once(program: Program, moment: float, how: signal.Signals) -> Counter:
         try:
             process.wait(PATIENCE)
         except subprocess.TimeoutExpired:
-            seen["did not end"] += 1
-            print(f"    {how.name} after {moment:.2f} s: still there", file=sys.stderr)
+            tell("did not end", "still there")
             process.kill()
             process.wait()
-        seen.update(look_for_strays(mark))
-        if how != signal.SIGKILL:
-            seen["tracebacks"] += b"Traceback" in errors.read_bytes()
+        strays = end_strays(mark)
+        if strays:
+            tell("strays", f"left {', '.join(strays)}", len(strays))
+        said = errors.read_text(errors="replace")
+        if how != signal.SIGKILL and "Traceback" in said:
+            tell("tracebacks", said.strip().splitlines()[-1])
         complaints = broken_files(work, known)
         if how == signal.SIGKILL:
             complaints = [c for c in complaints if not c.endswith("is left over")]
-        for complaint in complaints:
-            print(f"    {how.name} after {moment:.2f} s: {complaint}", file=sys.stderr)
-        seen["broken files"] += bool(complaints)
-        if seen["tracebacks"]:
-            last = errors.read_text(errors="replace").strip().splitlines()[-1]
-            print(f"    {how.name} after {moment:.2f} s: {last}", file=sys.stderr)
+        if complaints:
+            tell("broken files", "; ".join(complaints))
     return seen
 
 
-def look_for_strays(mark: str) -> Counter:
-    """Give descendants some seconds to end, then count and end them."""
+def end_strays(mark: str) -> list[str]:
+    """Give descendants some seconds to end, then end them; the words of each."""
     deadline = time.monotonic() + GRACE
     while (left := marked(mark)) and time.monotonic() < deadline:
         time.sleep(0.05)
+    words = dict.fromkeys(left, "?")
     for pid in left:
-        words = Path(f"/proc/{pid}/cmdline")
         with contextlib.suppress(OSError):
-            print(f"    stray: {words.read_bytes()[:120]!r}", file=sys.stderr)
+            words[pid] = repr(Path(f"/proc/{pid}/cmdline").read_bytes()[:120])
             os.kill(pid, signal.SIGKILL)
-    return Counter({"strays": len(left)})
+    return list(words.values())
 
 
-def kills(options: argparse.Namespace) -> None:
+def kills(asked: Namespace) -> None:
     """Every program so many times; prints a table."""
     # what a shell has set for a program in the background would be inherited
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
     signal.signal(signal.SIGINT, signal.default_int_handler)
     chance = random.Random(1)
     columns = ("over before", "did not end", "strays", "broken files", "tracebacks")
-    chosen, rows = programs(), []
-    for name in options.program or chosen:
+    table = Table("program", "kills", *columns)
+    for name, program in programs().items():
         seen = Counter()
-        for k in range(options.times):
-            moment = chance.uniform(0.0, chosen[name].span)
-            seen.update(kill_once(chosen[name], moment, SIGNALS[k % len(SIGNALS)]))
-            print(f"{name}: {k + 1} of {options.times}", file=sys.stderr, flush=True)
-        rows.append([f"`{name}`", f"{options.times}", *(f"{seen[column]}" for column in columns)])
-    print("\n".join(markdown(["program", "kills", *columns], rows)))
+        for k in range(asked.times):
+            moment = chance.uniform(0.0, program.span)
+            seen.update(kill_once(program, moment, SIGNALS[k % len(SIGNALS)]))
+        table.add(f"`{name}`", f"{asked.times}", *(f"{seen[column]}" for column in columns))

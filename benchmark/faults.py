@@ -18,40 +18,59 @@ kills     every program ended at random moments: strays, broken files
 
 from __future__ import annotations
 
-import argparse
+import contextlib
 import itertools
+import os
 import signal
 import sys
 import tempfile
 import threading
 import time
+from argparse import Namespace
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 
-from tomotactile_ros.bench.tables import markdown
+from tomotactile_ros.bench.program import Table, options
 from tomotactile_ros.devices.base import Status
 from tomotactile_ros.devices.serial import SerialDevice
+from tomotactile_ros.layouts.layout import equal_grid
+from tomotactile_ros.msg import VoltageFrame
 from tomotactile_ros.nodes import data_source, diagnostics
+from tomotactile_ros.nodes.conversions import stamp_of
 
 sys.path.insert(0, str(Path(__file__).parent))  # scripts/setup keeps Python from doing so
 
 import fault_kills
-import fault_soak
 from fault_sensor import Judge, Sensor, sensor
+from nodes import Nodes, arguments
 from sensor import ANSWERS, IDENTITY, ROWS
 
 LEVELS = ("OK", "WARN", "ERROR")
+SECONDS = 4.0  # of most cases
 MAX_AGE = 1.0  # s, as the driver node has it
+BUFFER = 1 << 19  # of a microcontroller with half a megabyte to spare
+NAMESPACE = f"/soak_{os.getpid()}"  # nobody else's frames
+SAMPLE = 10.0  # s
+IN_DRIVER = "frames_lost", "frames_incomplete", "frames_stale"
 FAST = 250.0 * 64 * 169.0  # bytes/s of 8 x 8 electrodes at 250 frames/s
 
+LINE_FAULTS = [
+    "flip",
+    "burst",
+    "zeros",
+    "drop-byte",
+    "insert-byte",
+    "cut",
+    "double",
+    "swap",
+    "merge",
+]
 LINE = {
     "none": (1.0,),
-    **dict.fromkeys(
-        ("flip", "burst", "zeros", "drop-byte", "insert-byte", "cut", "double", "swap", "merge"),
-        (0.001, 0.01, 0.1),
-    ),
+    **dict.fromkeys(LINE_FAULTS, (0.001, 0.01, 0.1)),
     "lose": (1e-5, 1e-4, 0.001, 0.01, 0.03, 0.1),
     "noise": (0.0001, 0.001),
 }
@@ -119,10 +138,7 @@ def run(name: str, port: str, seconds: float, rate: float = 60.0, **fault) -> li
         device.close()
     ages, errors = judge.times(source)
     return [
-        name,
-        str(source.made),
-        str(judge.frames),
-        str(judge.wrong_readings),
+        *(name, str(source.made), str(judge.frames), str(judge.wrong_readings)),
         *(f"{np.abs(each).max():.3f}" if each.size else "-" for each in (ages, errors)),
         *(f"{sum(status.counters[key] for key in keys):.0f}" for keys in COUNTERS.values()),
         str(source.dropped),
@@ -131,40 +147,37 @@ def run(name: str, port: str, seconds: float, rate: float = 60.0, **fault) -> li
     ]
 
 
-def cases(part: str, seconds: float) -> Iterator[tuple[str, dict]]:
+def cases(part: str) -> Iterator[tuple[str, dict]]:
     """Names, and what `run` is given."""
+    faults: list[tuple[str, float]] = []
     if part == "line":
-        for fault, amounts in LINE.items():
-            for seed, amount in enumerate(amounts):
-                given = {"fault": fault, "amount": amount, "seed": seed}
-                yield f"{fault}, {100 * amount:g} %", given | {"seconds": seconds}
+        faults = [(fault, amount) for fault, amounts in LINE.items() for amount in amounts]
     elif part == "nonsense":
-        for fault, amount in itertools.product((*ROWS, *ANSWERS, *IDENTITY), (1.0, 0.01)):
-            given = {"fault": fault, "amount": amount, "seconds": seconds}
-            yield f"{fault}, {100 * amount:g} %", given
-    elif part == "age":
+        faults = [*itertools.product((*ROWS, *ANSWERS, *IDENTITY), (1.0, 0.01))]
+    for fault, amount in faults:
+        seed = LINE[fault].index(amount) if part == "line" else 0
+        given = {"fault": fault, "amount": amount, "seed": seed, "seconds": SECONDS}
+        yield f"{fault}, {100 * amount:g} %", given
+    if part == "age":
         shares = [0.9 * FAST, 0.5 * FAST, 0.15 * FAST]
         for line, buffer in itertools.product(("pty", "tcp"), (1e4, 1e8)):
             for carries in shares if line == "pty" else [*shares, 400e3]:  # the last: a modem
                 given = {"rate": 250.0, "buffer": int(buffer), "throttle": carries}
-                given |= {"seconds": 3 * seconds} | ({"port": "tcp:0"} if line == "tcp" else {})
+                given |= {"seconds": 3 * SECONDS} | ({"port": "tcp:0"} if line == "tcp" else {})
                 yield f"{line}, buffer {buffer / 1e6:g} MB, carries {carries / FAST:.0%}", given
-    else:
+    elif part == "restarts":
         for fault in ("restart", "restart-streaming"):
-            yield f"{fault} every 2 s", {"fault": fault, "amount": 2.0, "seconds": 4 * seconds}
+            yield f"{fault} every 2 s", {"fault": fault, "amount": 2.0, "seconds": 4 * SECONDS}
 
 
-def short(part: str, options: argparse.Namespace) -> None:
+def short(part: str, asked: Namespace) -> None:
     """A table of the cases of a part."""
-    rows = []
     with tempfile.TemporaryDirectory() as folder:
-        port = f"pty:{folder}/port"
-        for name, given in cases(part, options.seconds):
-            rows.append(run(name, **{"port": port} | given))
-            print(name, file=sys.stderr, flush=True)
-        print("\n".join(markdown(HEADER, rows)), flush=True)
+        port, table = f"pty:{folder}/port", Table(*HEADER)
+        for name, given in cases(part):
+            table.add(*run(name, **{"port": port} | given))
         if part == "restarts":
-            print(f"\nplug pulled {options.times} times: {plug_pulled(port, options.times)}")
+            print(f"\nplug pulled {asked.times} times: {plug_pulled(port, asked.times)}")
 
 
 def plug_pulled(port: str, times: int) -> str:
@@ -199,36 +212,88 @@ def noticed(device: SerialDevice, patience: float = 10.0) -> Status:
     return status
 
 
+def soak(asked: Namespace) -> None:
+    """Each sensor for so many minutes; prints a table."""
+    columns = {}
+    for name in asked.sensor:
+        size, _, rate = name.partition("@")
+        columns[name] = one_soak(int(size.partition("x")[0]), float(rate), asked.minutes)
+    table = Table(f"{asked.minutes:g} minutes each", *columns)
+    for row in next(iter(columns.values())):
+        table.add(row, *(each[row] for each in columns.values()))
+
+
+def one_soak(side: int, rate: float, minutes: float) -> dict[str, str]:
+    """One sensor on the driver node; a column of the table."""
+    judge = Judge(side * side)
+
+    def take(message: VoltageFrame) -> None:
+        voltages = np.frombuffer(message.voltages, np.float32).reshape(-1, side * side)
+        stamp = stamp_of(message.header)
+        judge(SimpleNamespace(sequence=message.sequence, voltages=voltages, stamp=stamp))
+
+    with contextlib.ExitStack() as stack:
+        folder = stack.enter_context(tempfile.TemporaryDirectory())
+        port, layout = f"{folder}/port", Path(folder, "layout.yaml")
+        equal_grid(side, side, (0.2, 0.2), 0.0025, 1e4, inset=0.005).save(layout)
+        given = {"electrodes": side**2, "rate": rate, "buffer": BUFFER}
+        source = stack.enter_context(sensor(f"pty:{port}", **given))
+        with contextlib.suppress(PermissionError):  # hardware waits for nobody
+            os.sched_setscheduler(source.process.pid, os.SCHED_FIFO, os.sched_param(10))
+        words = arguments({"layout": layout, "device": "serial", "rate": rate, "port": port})
+        nodes = stack.enter_context(Nodes([("driver", "-r", f"__ns:={NAMESPACE}", *words)]))
+        nodes.node.create_subscription(VoltageFrame, f"{NAMESPACE}/voltage_frame", take, 100)
+        nodes.spin(lambda: judge.frames > 0)
+        begin, used = time.monotonic(), nodes.processor_seconds()
+        memory, files = [], []
+        while time.monotonic() < begin + 60 * minutes:
+            memory.append(nodes.megabytes())
+            files.append(len(os.listdir(f"/proc/{nodes.children[0].pid}/fd")))
+            print(f"{judge.frames} frames, {memory[-1]:.2f} MB", file=sys.stderr)
+            nodes.spin_for(SAMPLE)
+        used = (nodes.processor_seconds() - used) / (time.monotonic() - begin)
+        own = NAMESPACE.strip("/")
+        counters = next(each for name, each in nodes.heard.items() if name.startswith(own))
+    ages = judge.times(source)[0] - 1 / source.starts[-1][2]
+    spread = 1e3 * np.quantile(ages, (0.5, 0.99, 0.999, 1.0))
+    missed = judge.sequences[-1] - judge.sequences[0] + 1 - len(set(judge.sequences))
+    lost = {name: int(float(counters[name])) for name in IN_DRIVER}
+    minute = round(60 / SAMPLE)
+    return {
+        "frames that arrived": f"{judge.frames:,}",
+        "frames lost, incomplete, too old in the driver": ", ".join(map(str, lost.values())),
+        "published, and not arrived": f"{missed - sum(lost.values())}",
+        "wrong readings": f"{judge.wrong_readings}",
+        "rows that the sensor dropped": f"{source.dropped}",
+        "age at the subscriber, p50 / p99 / p99.9 / longest, ms": " / ".join(
+            f"{each:.2f}" for each in spread
+        ),
+        "memory of the driver, first and last minute, MB": ", ".join(
+            f"{np.mean(part):.1f}" for part in (memory[:minute], memory[-minute:])
+        ),
+        "descriptors, at first and at last": f"{files[0]}, {files[-1]} (at most {max(files)})",
+        "processor, of one core": f"{100 * used:.0f} %",
+    }
+
+
 SHORT = ("line", "nonsense", "age", "restarts")
-LONG = {"soak": fault_soak.soak, "kills": fault_kills.kills}
+LONG = {"soak": soak, "kills": fault_kills.kills}
 
 
-def main() -> int:
-    """Run the parts that are asked for; returns the exit status."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+def main() -> None:
+    """Run the parts that are asked for."""
+    asked = options(
+        __doc__,
+        *(*SHORT, *LONG),
+        minutes=(1.0, "of a soak"),
+        times=(10, "of each kill, and of the plug"),
+        sensor=(["8x8@250", "16x16@15"], "of the soak, ROWSxCOLUMNS@RATE"),
     )
-    parser.add_argument("parts", nargs="*", metavar="PART", help=", ".join((*SHORT, *LONG)))
-    parser.add_argument("--seconds", type=float, default=4.0, help="of each case")
-    parser.add_argument("--minutes", type=float, default=1.0, help="of a soak")
-    parser.add_argument("--times", type=int, default=10, help="of each kill, and of the plug")
-    sensors = ("8x8@250", "16x16@15")
-    parser.add_argument(
-        "--sensor", nargs="+", default=sensors, help="of the soak, ROWSxCOLUMNS@RATE"
-    )
-    parser.add_argument("--program", nargs="+", help="to be killed; all of them otherwise")
-    options = parser.parse_args()
-    unknown = set(options.parts) - {*SHORT, *LONG}
-    if unknown:
-        parser.error(
-            f"no part {', '.join(sorted(unknown))}; there are {', '.join((*SHORT, *LONG))}"
-        )
-    for name in options.parts or SHORT:
+    for name in asked.cases or SHORT:
         print(f"## {name}\n", flush=True)
-        LONG[name](options) if name in LONG else short(name, options)
+        LONG[name](asked) if name in LONG else short(name, asked)
         print(flush=True)
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -1,30 +1,25 @@
 """Frames by what they show: how long they take, and how often they show a contact that is none.
 
-    scripts/setup python3 benchmark/frames.py [--profiles accurate ...] [--cases NAME ...] [--states N]
+    scripts/setup python3 benchmark/frames.py [--profiles accurate ...] [--states N]
     scripts/setup python3 benchmark/frames.py --idle 100000 --pressed 12000
 
 States of the reference model on 8 x 8 electrodes, 1 mV, 12 bits, no times of rows. Times: of each state two
-frames of the untouched sheet, one of the touch, three more of it; ms of processor, one thread.
+frames of the untouched sheet, one of the touch, three more of it; ms of processor, median / p95.
 
 Alarms: idle frames are of an untouched sheet; after each 100 another sensor, every other one with offsets of
 3 mV rms and gains off by 2 %. Pressed frames: single contacts, each with new noise in 100 frames after one of
 the untouched sheet.
 """
 
-import argparse
-import os
-
-os.environ.setdefault("OMP_NUM_THREADS", "1")
-
 import numpy as np
 
 from tomotactile_ros.bench.cases import PROFILES
+from tomotactile_ros.bench.program import Table, options, spread
 from tomotactile_ros.bench.sensor.parts import WIRINGS, WORN
 from tomotactile_ros.bench.sensor.readings import Wiring, potentials, readings, untouched
 from tomotactile_ros.bench.sensor.states import states
 from tomotactile_ros.bench.sensor.trial import Trial, judged
-from tomotactile_ros.bench.tables import markdown
-from tomotactile_ros.bench.trials import DRIVE, make_pipeline
+from tomotactile_ros.bench.trials import make_pipeline
 from tomotactile_ros.scenes.channels import Channels, Rms
 
 CASES = {  # family, case and wiring
@@ -50,27 +45,22 @@ def times(family: str, case: str | None, wiring: str, profile: str, most: int):
     pressed, wires = states(family, case, most), (WIRINGS | {"worn": WORN})[wiring]
     nothing, frames = untouched(pressed.layout.electrodes), []
     for number, seen in enumerate(pressed.seen):
-        touched = potentials(seen, wires)
-        both = nothing, nothing, touched, touched, touched, touched
+        both = [nothing] * 2 + [potentials(seen, wires)] * 4
         frames += [readings(each, wires, (number, k)) for k, each in enumerate(both)]
-    found = judged(make_pipeline(pressed.layout, profile), trial_of(pressed.layout, frames, []))
+    trial = Trial("", pressed.layout, np.array(frames), [[]] * len(frames))
+    found = judged(make_pipeline(pressed.layout, profile), trial)
     return 1e3 * np.reshape([each.seconds for each in found], (-1, 6)).T
 
 
-def trial_of(layout, frames: list, truth: list) -> Trial:
-    """All of which show the same contacts."""
-    return Trial("", layout, np.array(frames), [truth] * len(frames))
-
-
-def alarms(idle: int, pressed: int, profile: str):
-    """Rows of frames, those with false contacts, with missed ones, and withheld."""
+def alarms(idle: int, pressed: int, profile: str) -> dict[str, np.ndarray]:
+    """Numbers of frames, of those with false contacts, with missed ones, and withheld."""
     touched = states("textbook-8x8")
     layout, nothing = touched.layout, untouched(touched.layout.electrodes)
     pipeline = make_pipeline(layout, profile)
     tally = {"idle": np.zeros(4, int), "pressed": np.zeros(4, int)}
 
-    def count(kind, frames, truth):
-        for each in judged(pipeline, trial_of(layout, frames, truth)):
+    def count(kind, frames, truths):
+        for each in judged(pipeline, Trial(kind, layout, np.array(frames), truths)):
             told = each.score is not None
             wrong = told and each.score.ghosts + each.score.doubled + each.score.weak > 0
             tally[kind] += [1, wrong, told and each.score.missed > 0, not told]
@@ -79,38 +69,35 @@ def alarms(idle: int, pressed: int, profile: str):
         wrong = Wiring(Channels(gain=Rms(0.02, first), offset=Rms(0.003, first)))
         wiring = wrong if first % (2 * SAME) else Wiring()
         numbers = range(first, min(first + SAME, idle))
-        count("idle", [readings(nothing, wiring, (1, number)) for number in numbers], [])
+        frames = [readings(nothing, wiring, (1, number)) for number in numbers]
+        count("idle", frames, [[]] * len(frames))
     for first in range(0, pressed, SAME):
         which = first // SAME % len(touched.seen)
-        seen = potentials(touched.seen[which])
-        pipeline.process(readings(nothing, seed=(2, first)), layout.grounded, DRIVE)
-        numbers = range(first, min(first + SAME, pressed))
-        frames = [readings(seen, seed=(3, number)) for number in numbers]
-        count("pressed", frames, touched.truths[which])
-    return [(name, *map(str, counts)) for name, counts in tally.items()]
+        seen, numbers = potentials(touched.seen[which]), range(first, min(first + SAME, pressed))
+        frames = [readings(nothing, seed=(2, first))]
+        frames += [readings(seen, seed=(3, number)) for number in numbers]
+        count("pressed", frames, [None] + [touched.truths[which]] * len(numbers))
+    return tally
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--profiles", nargs="+", default=["accurate"], choices=PROFILES)
-    parser.add_argument("--cases", nargs="+", default=list(CASES), choices=CASES, metavar="NAME")
-    parser.add_argument("--states", type=int, default=24, metavar="N", help="of each case, at most")
-    parser.add_argument("--idle", type=int, default=0, metavar="FRAMES", help="for alarms")
-    parser.add_argument("--pressed", type=int, default=0, metavar="FRAMES", help="for alarms")
-    asked = parser.parse_args()
+    asked = options(
+        __doc__,
+        profiles=(["accurate"], None, PROFILES),
+        states=(24, "of each case, at most"),
+        idle=(0, "frames, for alarms"),
+        pressed=(0, "frames, for alarms"),
+    )
     if asked.idle or asked.pressed:
-        rows = alarms(asked.idle, asked.pressed, asked.profiles[0])
-        heads = "", "frames", "with false contacts", "with missed ones", "withheld"
-    else:
-        rows = []
-        for case in asked.cases:
-            for profile in asked.profiles:
-                found = times(*CASES[case], profile, asked.states)
-                kinds = (found[part] for part in KINDS.values())
-                cells = (f"{np.median(t):.1f} / {np.percentile(t, 95):.1f}" for t in kinds)
-                rows.append((case, profile, *cells))
-        heads = "case", "profile", *(f"{kind}, ms: median / p95" for kind in KINDS)
-    print(*markdown(heads, rows), sep="\n")
+        table = Table("", "frames", "with false contacts", "with missed ones", "withheld")
+        for kind, counts in alarms(asked.idle, asked.pressed, asked.profiles[0]).items():
+            table.add(kind, *map(str, counts))
+        return
+    table = Table("case", "profile", *(f"{kind}, ms: median / p95" for kind in KINDS))
+    for case, given in CASES.items():
+        for profile in asked.profiles:
+            found = times(*given, profile, asked.states)
+            table.add(case, profile, *(spread(found[part].ravel()) for part in KINDS.values()))
 
 
 if __name__ == "__main__":

@@ -15,18 +15,13 @@ reported or not, nor is one missed that presses with less than 0.1 N; forces of 
 
 from __future__ import annotations
 
-import argparse
-import os
-import sys
 import time
 from collections.abc import Iterator
 
-os.environ.setdefault("OMP_NUM_THREADS", "1")
-
 import numpy as np
 
+from tomotactile_ros.bench.program import Table, options
 from tomotactile_ros.bench.sensor import tables
-from tomotactile_ros.bench.tables import markdown
 from tomotactile_ros.bench.trials import DRIVE, make_pipeline, make_scene
 from tomotactile_ros.evaluation import scoring
 from tomotactile_ros.layouts.layout import Layout, load_layout
@@ -54,20 +49,16 @@ def scene_of(kind: str, layout: Layout, draw: np.random.Generator, lasts: float)
         if inside and np.linalg.norm(way) > 0.1 and np.linalg.norm(places[2] - places[0]) > APART:
             break
     if kind.startswith("tap"):
-        tap = Tap(draw.uniform(0.04, 0.3))
-        moving = Contact(
-            "disc", places[0], force=draw.uniform(0.3, 8.0), start=moved, course=tap, **given
-        )
+        given["course"] = Tap(draw.uniform(0.04, 0.3))
+        force = draw.uniform(0.3, 8.0)
     else:
         speed = draw.uniform(0.05, 0.5)
         end = moved + min(draw.uniform(0.06, 0.2), 0.1 / speed)
         velocity = speed * way / np.linalg.norm(way)
         while np.linalg.norm(places[0] + velocity * (end - moved) / 2 - places[2]) < APART:
             places[2] = draw.uniform(low, high)
-        moving = Contact(
-            "disc", places[0], force=draw.uniform(0.5, 5.0), start=moved, end=end,
-            velocity=velocity, **given,
-        )  # fmt: skip
+        given["velocity"], force = velocity, draw.uniform(0.5, 5.0)
+    moving = Contact("disc", places[0], force=force, start=moved, end=end, **given)
     resting = Contact("disc", places[2], force=draw.uniform(0.5, 5.0), radius=0.006)
     contacts = (moving, resting) if "beside" in kind else (moving,)
     return make_scene(contacts, int(draw.integers(1 << 30)))
@@ -107,14 +98,16 @@ def _by_rows(pipeline: Pipeline, frames, grounded) -> Iterator[tuple]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--layout", default="equal-8x8")
-    parser.add_argument("--scenes", type=int, default=20, help="of each kind (default: 20)")
-    parser.add_argument("--rows", action="store_true")
-    given = parser.parse_args()
+    given = options(
+        __doc__,
+        layout="equal-8x8",
+        scenes=(20, "of each kind (20)"),
+        rows=(False, "results after every row"),
+    )
     layout = load_layout(given.layout)
     lasts, grounded = layout.electrodes * ROW_PERIOD, np.arange(layout.electrodes)
-    follow, rows = _by_rows if given.rows else _by_frames, []
+    follow = _by_rows if given.rows else _by_frames
+    table = Table("scene", *tables.HEADER, "ms of processor: median / p95 / worst")
     for place, kind in enumerate(KINDS):
         scores, times = [], []
         for number in range(given.scenes):
@@ -128,12 +121,9 @@ def main() -> None:
                 times.append(1e3 * took)
                 if not result.reason:
                     scores.append(judged(result, scene, at))
-            print(f"{kind} {number}", end="\r", file=sys.stderr, flush=True)
         found = scoring.summary(scores, len(times) - len(scores))
-        took = (*np.quantile(times, (0.5, 0.95)), max(times))
-        rows.append([kind, *tables.cells(found), " / ".join(f"{each:.3g}" for each in took)])
-    header = ("scene", *tables.HEADER, "ms of processor: median / p95 / worst")
-    print("\n".join(markdown(header, rows)))
+        took = np.quantile(times, (0.5, 0.95, 1.0))
+        table.add(kind, *tables.cells(found), " / ".join(f"{each:.3g}" for each in took))
 
 
 if __name__ == "__main__":

@@ -3,22 +3,20 @@
 Frames are those of the parts of `tomotactile bench --parts`, from a model that does not reconstruct
 them; every frame counts, the slowest and the worst most.
 
-    OMP_NUM_THREADS=1 python benchmark/frozen.py --out before.json [--step 6] [--parts channels crowd]
-    OMP_NUM_THREADS=1 python benchmark/frozen.py --out after.json --against before.json
+    python benchmark/frozen.py --out before.json [--step 6] [--parts channels crowd]
+    python benchmark/frozen.py --out after.json --against before.json
 
 Prints a line for each case: ghosts (doubled ones too), missed, withheld; places (mm) and forces (%)
 by median and worst; the share of true places within their ellipses of 95 %; chi-squared per reading;
 processor time (ms) by median and worst, and with --against the same of before below it.
 """
 
-from __future__ import annotations
-
-import argparse
 import json
 from pathlib import Path
 
 import numpy as np
 
+from tomotactile_ros.bench.program import options
 from tomotactile_ros.bench.sensor.parts import PARTS
 from tomotactile_ros.bench.sensor.trial import Judged, judged
 from tomotactile_ros.bench.trials import make_pipeline
@@ -27,6 +25,7 @@ COLUMNS = [
     *("frames", "ghosts", "missed", "withheld", "place", "worst"),
     *("force", "worst", "covered", "misfit", "time", "worst"),
 ]
+BOTH = np.median, np.max
 
 
 def figures(frames: list[Judged]) -> list[float]:
@@ -34,20 +33,20 @@ def figures(frames: list[Judged]) -> list[float]:
     told = [each for each in frames if each.score is not None]
     scores = [each.score for each in told]
 
-    def of(values, how) -> float:
-        values = np.concatenate([np.atleast_1d(each) for each in values] or [np.empty(0)])
-        return float(how(values)) if len(values) else float("nan")
+    def of(values, *how) -> list[float]:
+        values = np.hstack(values) if values else np.empty(0)
+        return [float(each(values)) if len(values) else float("nan") for each in how]
 
     return [
         len(frames),
         sum(score.ghosts + score.doubled for score in scores),
         sum(score.missed for score in scores),
         len(frames) - len(told),
-        *(of([1e3 * score.place for score in scores], how) for how in (np.median, np.max)),
-        *(of([100 * score.force for score in scores], how) for how in (np.median, np.max)),
-        of([100 * score.place_covered for score in scores], np.mean),
-        of([each.result.misfit for each in told], np.median),
-        *(of([1e3 * each.seconds for each in frames], how) for how in (np.median, np.max)),
+        *of([1e3 * score.place for score in scores], *BOTH),
+        *of([100 * score.force for score in scores], *BOTH),
+        *of([100 * score.place_covered for score in scores], np.mean),
+        *of([each.result.misfit for each in told], np.median),
+        *of([1e3 * each.seconds for each in frames], *BOTH),
     ]
 
 
@@ -57,12 +56,13 @@ def line(name: str, row: list[float]) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS))
-    parser.add_argument("--step", type=int, default=6, help="every so manieth press")
-    parser.add_argument("--out", type=Path, help="JSON with every line")
-    parser.add_argument("--against", type=Path, help="the same of before")
-    given = parser.parse_args()
+    given = options(
+        __doc__,
+        parts=(list(PARTS), None, PARTS),
+        step=(6, "every so manieth press"),
+        out=(Path, "JSON with every line"),
+        against=(Path, "the same of before"),
+    )
     before = json.loads(given.against.read_text()) if given.against else {}
     found: dict[str, list[float]] = {}
     every: list[Judged] = []

@@ -9,13 +9,13 @@ shape, another type. Either the call answers, or it raises ValueError, TypeError
 
 from __future__ import annotations
 
-import argparse
 import warnings
 from collections import Counter
 from dataclasses import fields, replace
 
 import numpy as np
 
+from tomotactile_ros.bench.program import options
 from tomotactile_ros.core import compiled
 from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.follow import Follower
@@ -69,11 +69,9 @@ def one(random, operator, unknowns, rows, prior) -> None:
     """A call with one argument spoilt."""
     where = random.integers(8)
     if where > 5:
-        of_follow(random, operator, unknowns, prior)
-        return
+        return of_follow(random, operator, unknowns, prior)
     if where > 3:
-        of_rows(random, operator, unknowns, prior, where == 4)
-        return
+        return of_rows(random, operator, unknowns, prior, where == 4)
     if where == 0:
         name = str(random.choice([f.name for f in fields(Unknowns)]))
         value = getattr(unknowns, name)
@@ -144,10 +142,7 @@ def of_follow(random, operator, unknowns, prior) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
-    parser.add_argument("--rounds", type=int, default=2000, metavar="N")
-    parser.add_argument("--seed", type=int, default=0, metavar="N")
-    asked = parser.parse_args()
+    asked = options(__doc__, rounds=2000, seed=0)
     warnings.simplefilter("ignore", np.exceptions.ComplexWarning)
     given, ended = sensor(), Counter[str]()
     for number in range(asked.rounds):

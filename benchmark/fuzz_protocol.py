@@ -7,12 +7,12 @@ packet at the latest is found; memory stays bounded.
 
 from __future__ import annotations
 
-import argparse
 import time
 import tracemalloc
 
 import numpy as np
 
+from tomotactile_ros.bench.program import options
 from tomotactile_ros.devices import protocol
 from tomotactile_ros.devices.assembly import FrameAssembler, RunAssembler
 
@@ -190,18 +190,15 @@ def one_input(data: bytes) -> None:
 
 
 def main() -> None:
-    arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    arguments.add_argument("--bytes", type=float, default=1e8, help="of both versions together")
-    arguments.add_argument("--seed", type=int, default=1)
-    options = arguments.parse_args()
-    damage_run(100_000, options.seed)
+    asked = options(__doc__, bytes=(1e8, "of both versions together"), seed=1)
+    damage_run(100_000, asked.seed)
     tracemalloc.start()
-    damage_run(1_000_000, options.seed)
+    damage_run(1_000_000, asked.seed)
     peak = tracemalloc.get_traced_memory()[1] / 1e6
     tracemalloc.stop()
     for version in protocol.VERSIONS:
-        figures = damage_run(int(options.bytes / len(protocol.VERSIONS)), options.seed, version)
-        print(f"damaged streams, version {version}, seed {options.seed}")
+        figures = damage_run(int(asked.bytes / len(protocol.VERSIONS)), asked.seed, version)
+        print(f"damaged streams, version {version}, seed {asked.seed}")
         for name, value in figures.items():
             print(f"  {name:<20}{value:>14,}")
     print(

@@ -8,13 +8,15 @@ touch of a quarter newton or more has no contact, and `nothing` contacts where n
 the longest time between two valid messages, s.
 """
 
-import argparse
 import os
 import sys
+from argparse import Namespace
 from collections import defaultdict
+from itertools import product
 
 import numpy as np
 
+from tomotactile_ros.bench.program import Table, options
 from tomotactile_ros.msg import ContactArray, VoltageFrame
 from tomotactile_ros.nodes.conversions import stamp_of
 from tomotactile_ros.scenes.scene import Scene, load_scene
@@ -35,9 +37,7 @@ class Audit:
         self.scene, self.messages, self.withheld, self.nothing, self.missed = scene, 0, 0, 0, 0
         self.ids: dict[tuple[int, int], list[int]] = defaultdict(list)
         self.times: list[float] = []
-        self._touches: dict[int, int] = defaultdict(
-            int
-        )  # how often each contact of the scene has begun
+        self._touches: dict[int, int] = defaultdict(int)  # how often each of the scene has begun
         self._there: set[int] = set()
         self._seen: dict[int, float] = {}  # when each had a contact last, s
 
@@ -62,9 +62,8 @@ class Audit:
                 continue
             seen.add(nearest)
             ids = self.ids[nearest, self._touches[nearest]]
-            if (
-                contact.id and contact.id not in ids
-            ):  # 0: a frame was cut before contacts were told apart
+            # 0: a frame was cut before contacts were told apart
+            if contact.id and contact.id not in ids:
                 ids.append(contact.id)
                 if len(ids) > 1:
                     self._tell(nearest, ids, now)
@@ -77,24 +76,19 @@ class Audit:
         since = self._seen[touch]
         felt = [self.scene.contacts[touch].at(t) for t in np.linspace(since, now, 100)]
         least = min((each.total_force or 0.0) if each else 0.0 for each in felt)
-        print(
-            f"# {ids[-2]} -> {ids[-1]}: {since:.3f} to {now:.3f} s, {least:.3f} N at least",
-            flush=True,
-        )
+        changed = f"{ids[-2]} -> {ids[-1]}"
+        print(f"# {changed}: {since:.3f} to {now:.3f} s, {least:.3f} N at least", flush=True)
 
-    def row(self) -> str:
-        """What became of it, a row of the table."""
-        changed = [touch for touch, ids in self.ids.items() if len(ids) > 1]
-        gap = max(np.diff(self.times), default=np.nan)
-        return (
-            f"{len(self.ids)} | {len(changed)} | {self.messages} | {self.withheld} | {self.missed} | "
-            f"{self.nothing} | {gap:.2f} |"
-        )
+    def row(self) -> list[str]:
+        """What became of it."""
+        changed = sum(len(ids) > 1 for ids in self.ids.values())
+        counts = len(self.ids), changed, self.messages, self.withheld, self.missed, self.nothing
+        return [*map(str, counts), f"{max(np.diff(self.times), default=np.nan):.2f}"]
 
 
-def measure(system: str, scene: str, profile: str, options: argparse.Namespace) -> Audit:
+def measure(scene: str, profile: str, system: str, asked: Namespace) -> Audit:
     """Run the nodes and listen."""
-    given = {"layout": options.layout, "delivery": options.delivery}
+    given = {"layout": asked.layout, "delivery": asked.delivery}
     words = arguments(given | {"scene": scene, "profile": profile})
     audit, begun = Audit(load_scene(scene)), []
 
@@ -112,29 +106,27 @@ def measure(system: str, scene: str, profile: str, options: argparse.Namespace) 
         nodes.spin(lambda: bool(begun))
         nodes.node.destroy_subscription(frames)
         nodes.spin(lambda: audit.messages > 0)
-        nodes.spin_for(60 * options.minutes)
+        nodes.spin_for(60 * asked.minutes)
     return audit
 
 
 def main() -> None:
     """Measure every combination and print a table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--scene", nargs="+", default=["default", "slide", "tap"])
-    parser.add_argument("--profile", nargs="+", default=["fast", "balanced", "accurate"])
-    parser.add_argument("--system", nargs="+", choices=SYSTEMS, default=list(SYSTEMS))
-    parser.add_argument("--delivery", choices=("frames", "rows"), default="rows")
-    parser.add_argument("--layout", default="equal-8x8")
-    parser.add_argument("--minutes", type=float, default=10.0, help="of each")
-    options = parser.parse_args()
-    print(
-        "| scene | profile | processes | touches | changed | messages | withheld | missed | nothing | gap, s |"
+    asked = options(
+        __doc__,
+        scene=["default", "slide", "tap"],
+        profile=["fast", "balanced", "accurate"],
+        system=(list(SYSTEMS), None, SYSTEMS),
+        delivery=("rows", None, ("frames", "rows")),
+        layout="equal-8x8",
+        minutes=(10.0, "of each"),
     )
-    print("|---|---|---|---|---|---|---|---|---|---|", flush=True)
-    for scene in options.scene:
-        for profile in options.profile:
-            for system in options.system:
-                audit = measure(system, scene, profile, options)
-                print(f"| {scene} | {profile} | {system} | {audit.row()}", flush=True)
+    table = Table(
+        *("scene", "profile", "processes", "touches", "changed", "messages", "withheld"),
+        *("missed", "nothing", "gap, s"),
+    )
+    for each in product(asked.scene, asked.profile, asked.system):
+        table.add(*each, *measure(*each, asked).row())
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """How well a sensor is learned from touches of unknown place, size and force, and what that is worth.
 
-    scripts/setup python3 benchmark/learning.py [--cases 0 1 ...] [--plot docs/images/learning.png]
+    scripts/setup python3 benchmark/learning.py [--plot docs/images/learning.png]
 
 Each case is one sensor. Some of its touches are learned from, each after an untouched frame, others judge:
 places, forces and ghosts with what was learned, and gains, resistances and sheet against the truth and
@@ -9,19 +9,15 @@ of noise and 12 bits; the estimator is another. Forces are those after three pre
 of unknown force leave one common factor open.
 """
 
-import argparse
-import os
 import time
 from dataclasses import dataclass, field, replace
-
-os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.figure import Figure
 
-from tomotactile_ros.bench import tables
-from tomotactile_ros.bench.reference_cases import worn_sheets
+from tomotactile_ros.bench.program import Table, options
+from tomotactile_ros.bench.reference_cases import WORN
 from tomotactile_ros.bench.sensor.readings import Wiring, potentials, readings
 from tomotactile_ros.bench.sensor.states import States, states
 from tomotactile_ros.bench.sensor.trial import judge, presses
@@ -42,8 +38,8 @@ BOTH = replace(GAINS, ground_resistance=OHMS.ground_resistance)
 
 @dataclass(frozen=True)
 class Case:
-    """One sensor: touches learned from, number of `worn_sheets` (None: even), what is wrong with its
-    channels, layout."""
+    """One sensor: touches learned from, number of `reference_cases.WORN` (None: even), what is wrong
+    with its channels, layout."""
 
     name: str
     touches: int
@@ -56,7 +52,7 @@ class Case:
         if self.sheet is None:
             every = states(f"textbook-{self.layout}")
         else:
-            every = states(f"learning-{self.layout}", worn_sheets()[self.sheet].words)
+            every = states(f"learning-{self.layout}", WORN[self.sheet].words)
         first, last = slice(self.touches), slice(-JUDGED, None)
         both = (each[first] + each[last] for each in (every.seen, every.truths))
         return States(every.layout, *both)
@@ -84,9 +80,7 @@ def measured(case):
     touched, wiring = case.states(), Wiring(case.channels)
     trial = presses(case.name, touched, wiring)
     layout, grounded, split = trial.layout, trial.layout.grounded, 2 * case.touches
-    start = time.process_time()
     learned = learn(layout, trial.frames[:split], grounded, DRIVE, noise=NOISE, course=True)
-    print(f"{case.name}, {case.touches}: {time.process_time() - start:.1f} s to learn", flush=True)
     law = calibrated(make_pipeline(layout, sensor=learned.state), touched, wiring, case)
     pipeline = make_pipeline(layout, sensor=learned.state, contact_law=law)
     rest = replace(trial, frames=trial.frames[split:], truths=trial.truths[split:])
@@ -136,7 +130,7 @@ def compared(state, operator, case, layout):
 
 def sheet(case, layout, places):
     """(C,) logarithm of the true conductance at `places`, 0 in the mean."""
-    worn = None if case.sheet is None else worn_sheets()[case.sheet]
+    worn = None if case.sheet is None else WORN[case.sheet]
     resistance = worn and resistance_of(layout, worn.field, worn.variation)
     true = -np.log(resistance(places)) if resistance else np.zeros(len(places))
     return true - true.mean()
@@ -165,20 +159,15 @@ def save_plot(path, courses):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    numbers = range(len(CASES))
-    parser.add_argument("--cases", type=int, nargs="+", choices=numbers, default=numbers)
-    parser.add_argument("--plot", help="picture (.png) of errors against touches")
-    args = parser.parse_args()
-    rows, courses = [], {}
-    for case in (CASES[number] for number in args.cases):
-        cells, courses[f"{case.name}, {case.touches}"] = measured(case)
-        rows.append(cells)
+    args = options(__doc__, plot=(str, "picture (.png) of errors against touches"))
     learned = [
         name for words in ("gains %", "to ground ohm", "sheet %") for name in (words, "bound")
     ]
-    header = ("sensor", "touches", *scoring.HEADER, "factor", *learned, "s a frame")
-    print("\n".join(tables.markdown(header, rows)))
+    table = Table("sensor", "touches", *scoring.HEADER, "factor", *learned, "s a frame")
+    courses = {}
+    for case in CASES:
+        cells, courses[f"{case.name}, {case.touches}"] = measured(case)
+        table.add(*cells)
     if args.plot:
         save_plot(args.plot, courses)
 

@@ -6,18 +6,22 @@ random places, and shows by what the reported forces are off, what the reports s
 by, and how many true forces lie within two of these standard deviations. `inf` : a bare conductor as far
 as readings tell; its force is a lower bound, and counts as held where it is one.
 
-    scripts/setup python3 benchmark/nearly_bare.py [--layout equal-8x8] [--count 8] [--profile accurate] [--rims]
+    scripts/setup python3 benchmark/nearly_bare.py [--count 8] [--rims]
 
 Frames are made by finite elements, the reconstruction uses closed forms. With --rims: places of bare conductors
 on and beside electrodes, against the reference model, whose elements are bent along both rims.
 """
 
-import argparse
+from itertools import product
 
 import numpy as np
 
+from tomotactile_ros.bench.cases import DEFAULT_LAYOUT
+from tomotactile_ros.bench.program import Table, options, spread
 from tomotactile_ros.bench.reference import ReferenceSheet, reference_frame
+from tomotactile_ros.bench.reference_mesh import disc
 from tomotactile_ros.bench.trials import DRIVE, LAW, NOISE, make_pipeline, make_scene
+from tomotactile_ros.evaluation.scoring import score_frame
 from tomotactile_ros.layouts.layout import Layout, load_layout
 from tomotactile_ros.scenes.contact import Contact
 from tomotactile_ros.simulation import Simulator
@@ -30,75 +34,78 @@ BARE = 1e4  # S/m2
 GAPS = {"covers it": (-np.inf, -2), "rims cross": (-2, 0), "beside it": (0, 1)}
 
 
-def rims(layout: Layout, count: int, profile: str) -> None:
-    """Print how far off places are, and how many lie in their ellipses of 95 %."""
+def rims(layout: Layout, count: int) -> None:
+    """How far off places are, and how many lie in their ellipses of 95 %."""
     found: dict[str, list[tuple[float, bool]]] = {name: [] for name in GAPS}
-    sheet, draw, other = ReferenceSheet(layout), np.random.default_rng(1), 0
+    sheet, draw, other, outline = (
+        ReferenceSheet(layout),
+        np.random.default_rng(1),
+        0,
+        layout.outline,
+    )
     while min(len(each) for each in found.values()) < count:
         electrode, radius = draw.choice(layout.positions), draw.uniform(*DISCS)
         away, turn = draw.uniform(0, radius + 2 * layout.radius), draw.uniform(0, 2 * np.pi)
         at = electrode + away * np.array([np.cos(turn), np.sin(turn)])
         gap = (away - radius) / layout.radius - 1
         (case,) = [name for name, (least, most) in GAPS.items() if least <= gap <= most]
-        outline = layout.outline
         whole = outline.contains(at[None])[0] and outline.rim_distance(at[None])[0] > radius
         if not whole or len(found[case]) == count:
             continue
-        disc = Contact("disc", center=tuple(at), radius=radius)
-        frame = reference_frame(sheet.solve([(disc, BARE)]), DRIVE)
+        frame = reference_frame(sheet.solve([(disc(at, radius), BARE)]), DRIVE)
         frame += draw.normal(0, NOISE, frame.shape)
-        contacts = make_pipeline(layout, profile).process(frame, layout.grounded, DRIVE).contacts
+        contacts = make_pipeline(layout).process(frame, layout.grounded, DRIVE).contacts
         if len(contacts) != 1:
             other += 1
             continue
-        way = np.array([contacts[0].x, contacts[0].y]) - at
-        spread = np.reshape(contacts[0].position_covariance, (2, 2))
-        found[case].append((1e3 * np.hypot(*way), way @ np.linalg.solve(spread, way) < 5.99))
-    print("             off by mm: median  worst  within 95 %")
+        score = score_frame(contacts, [{"x": at[0], "y": at[1], "force": None}], reach=np.inf)
+        found[case].append((1e3 * score.place[0], score.place_covered[0]))
+    table = Table("", "off by mm: median", "worst", "within 95 %")
     for name, cases in found.items():
         off, within = np.array(cases).T
-        print(f"{name:12s} {np.median(off):17.2f}  {off.max():5.2f}  {within.sum():.0f}/{len(off)}")
+        table.add(name, *spread(off, 2, (0.5, 1)).split(" / "), f"{within.sum():.0f}/{len(off)}")
     print(f"not one contact: {other}")
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--layout", default="equal-8x8")
-    parser.add_argument("--count", type=int, default=8, help="contacts in a row of the table")
-    parser.add_argument("--profile", default="accurate")
-    parser.add_argument("--rims", action="store_true", help="bare conductors at electrodes instead")
-    given = parser.parse_args()
-    layout = load_layout(given.layout)
-    if given.rims:
-        rims(layout, given.count, given.profile)
-        return
+def strengths(layout: Layout, count: int) -> None:
+    """How far off forces are, and by how much they may be as they say."""
     pitch, half = float(np.median(layout.pitches)), np.array(layout.outline.size) / 2
-    pipeline, draw = make_pipeline(layout, given.profile), np.random.default_rng(1)
-    print("radius mm  g R_s/2 pi  off by %: median  worst  said %: median  inf  held  other count")
-    for radius in pitch * np.array(RADII):
+    pipeline, draw = make_pipeline(layout), np.random.default_rng(1)
+    table = Table(
+        *("radius mm", "g R_s/2 pi", "off by %: median", "worst"),
+        *("said %: median", "inf", "held", "other count"),
+    )
+    for radius, strength in product(pitch * np.array(RADII), STRENGTHS):
         area = np.pi * radius**2
-        for strength in STRENGTHS:
-            pressure = float(LAW.pressure(strength * 2 * np.pi / layout.sheet_resistance / area))
-            off, said, held, others = [], [], 0, 0
-            for _ in range(given.count):
-                centre = tuple(draw.uniform(radius - half, half - radius))
-                contact = Contact("disc", center=centre, radius=float(radius), pressure=pressure)
-                frame = Simulator(layout, make_scene([contact], 0), model="fem").frame(0.0, 0)
-                found = pipeline.process(frame, layout.grounded, DRIVE).contacts
-                if len(found) != 1:
-                    others += 1
-                    continue
-                error = found[0].force / (pressure * area) - 1
-                deviation = found[0].force_std / found[0].force
-                bare = not np.isfinite(deviation)
-                held += error < 0.05 if bare else abs(error) < 2 * deviation
-                off.append(100 * abs(error))
-                said.append(100 * deviation)
-            print(
-                f"{1e3 * radius:9.1f}  {strength:10.1f}  {np.median(off):16.1f}  {max(off):5.1f}"
-                f"  {np.median(said):14.1f}  {np.isinf(said).sum():3d}  {held}/{len(off)}  {others}",
-                flush=True,
-            )
+        pressure = float(LAW.pressure(strength * 2 * np.pi / layout.sheet_resistance / area))
+        off, said, held = [], [], 0
+        for _ in range(count):
+            centre = tuple(draw.uniform(radius - half, half - radius))
+            contact = Contact("disc", center=centre, radius=float(radius), pressure=pressure)
+            frame = Simulator(layout, make_scene([contact], 0), model="fem").frame(0.0, 0)
+            found = pipeline.process(frame, layout.grounded, DRIVE).contacts
+            if len(found) != 1:
+                continue
+            error = found[0].force / (pressure * area) - 1
+            deviation = found[0].force_std / found[0].force
+            held += abs(error) < 2 * deviation if np.isfinite(deviation) else error < 0.05
+            off.append(100 * abs(error))
+            said.append(100 * deviation)
+        table.add(
+            *(f"{1e3 * radius:.1f}", f"{strength:.1f}", f"{np.median(off):.1f}", f"{max(off):.1f}"),
+            *(f"{np.median(said):.1f}", f"{np.isinf(said).sum()}", f"{held}/{len(off)}"),
+            f"{count - len(off)}",
+        )
+
+
+def main() -> None:
+    given = options(
+        __doc__,
+        count=(8, "contacts in a row of the table"),
+        rims=(False, "bare conductors at electrodes instead"),
+    )
+    measure = rims if given.rims else strengths
+    measure(load_layout(DEFAULT_LAYOUT), given.count)
 
 
 if __name__ == "__main__":

@@ -12,13 +12,13 @@ A ghost is a contact of 0.02 N or more that is farther than 0.4 spacings from ev
 at the same.
 """
 
-import argparse
 import time
 from dataclasses import replace
 
 import numpy as np
 
 import tomotactile_ros as tt
+from tomotactile_ros.bench.program import options, spread
 from tomotactile_ros.evaluation.scoring import score_frame
 from tomotactile_ros.layouts.layout import equal_grid
 from tomotactile_ros.scenes.channels import Channels
@@ -86,11 +86,7 @@ class Sensor:
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--first", type=int, default=0, help="number of the first sensor")
-    parser.add_argument("--count", type=int, default=40)
-    parser.add_argument("--profile", default="accurate")
-    asked = parser.parse_args()
+    asked = options(__doc__, first=(0, "number of the first sensor"), count=40, profile="accurate")
     scores, withheld, places, times = [], 0, [], []
     for number in range(asked.first, asked.first + asked.count):
         sensor, said = Sensor(number), []
@@ -123,15 +119,11 @@ def main():
             said.append(f"{len(result.contacts)}/{score.true}{words}")
         print(f"{sensor.text} | {', '.join(said)}", flush=True)
     forces = 100 * np.concatenate([score.force for score in scores])
-    spread = (
-        " / ".join(f"{value:.{digits}f}" for value in np.percentile(values, (50, 95)))
-        for values, digits in ((places, 3), (forces, 1), (times, 0))
-    )
     print(
         f"\n{len(times)} frames of {asked.count} sensors, {asked.profile}: "
         f"{sum(score.ghosts + score.doubled for score in scores)} ghosts, "
-        f"{sum(score.missed for score in scores)} missed, {withheld} withheld; median / p95: "
-        "place {} spacings, force {} %, time {} ms of processor".format(*spread)
+        f"{sum(score.missed for score in scores)} missed, {withheld} withheld; median / p95: place "
+        f"{spread(places, 3)} spacings, force {spread(forces)} %, time {spread(times, 0)} ms of processor"
     )
 
 

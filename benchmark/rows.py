@@ -1,12 +1,12 @@
 """How soon and how well contacts are known that are followed from row to row.
 
-    scripts/setup python3 benchmark/rows.py [--touches N] [--idle ROWS] [--cases onset ...] [--late ROWS]
+    scripts/setup python3 benchmark/rows.py [--touches N] [--idle ROWS] [--cases "onset from nothing" ...]
         [--layout L] [--sensor exact | worn | aside | neighbours]
 
 Rows of the simulator's finite elements, each of the sheet as it is at its own time, 1 mV, 12 bits, 1 ms
 a row, 8 x 8 electrodes on 200 mm unless --layout says otherwise; the reconstruction has the closed form
 where there is one. Discs of 5 mm radius, 1 N, at random places, that begin and end at random rows. What a
-frame tells, where rows ask for it, is told --late rows after its last one, as in the node, where frames
+frame tells, where rows ask for it, is told 24 rows after its last one, as in the node, where frames
 are estimated beside. --sensor: what is wrong with it, of which nothing was learned; another one for every
 touch. `worn`: uneven by 10 %, gains 1 %, offsets 2 mV, electrodes 0.3 mm aside, 75 to 225 ohm to ground;
 `aside`: the same, 1 mm; `neighbours`: two wires are exchanged. Seeds are fixed.
@@ -17,22 +17,18 @@ as true for 3 rows). Known: within 10 mm; row 1 is the first one taken after the
 
 from __future__ import annotations
 
-import argparse
-import os
-import sys
 import time
 from collections import Counter, defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-
-os.environ.setdefault("OMP_NUM_THREADS", "1")
+from functools import partial
 
 import numpy as np
 
-from tomotactile_ros.bench.tables import markdown
+from tomotactile_ros.bench.program import Table, options, spread
 from tomotactile_ros.bench.trials import DRIVE, make_pipeline, make_scene
+from tomotactile_ros.layouts import scan_order
 from tomotactile_ros.layouts.layout import Layout, load_layout
-from tomotactile_ros.layouts.scan_order import spread
 from tomotactile_ros.scenes.channels import Channels, Rms, Uniform
 from tomotactile_ros.scenes.contact import Contact
 from tomotactile_ros.scenes.defects import Defects
@@ -48,6 +44,7 @@ FIRST, LATER = 8, 24  # rows before the first touch, and from it to the next one
 SETTLED = 30  # rows after which velocities are judged
 PASSING, CROSSING = 0.02, 0.25  # m between two paths, m/s
 RUN = 40  # frames in which nothing happens
+LATE = 24  # rows until a frame is estimated
 ASIDE = {"exact": 0.0, "worn": 0.0003, "aside": 0.001, "neighbours": 0.0}  # m, rms, by sensor
 
 COUNTS = (
@@ -76,11 +73,9 @@ class Tally:
         """Of the table."""
         cells = [name, *(str(self.counts[key]) for key in COUNTS)]
         for key, (unit, digits) in SPREADS.items():
-            values = unit * np.array(self.values[key])
-            both = np.quantile(values, (0.5, 0.95)) if len(values) else ()
-            cells.append(" / ".join(f"{each:.{digits}f}" for each in both) or "-")
-        costs = np.quantile(1e3 * np.array(self.costs), (0.5, 0.99), axis=0).T
-        return [*cells, *(f"{median:.2f} / {high:.2f}" for median, high in costs)]
+            cells.append(spread(unit * np.array(self.values[key]), digits))
+        costs = 1e3 * np.transpose(self.costs)
+        return [*cells, *(spread(each, 2, (0.5, 0.99)) for each in costs)]
 
 
 def defects(sensor: str, seed: int, electrodes: int) -> Defects:
@@ -116,10 +111,10 @@ class Row:
 class Sensor:
     """Scenes in, what is said of every row out."""
 
-    def __init__(self, late: int, layout: str, sensor: str):
-        self.late, self.sensor, self.layout = late, sensor, load_layout(layout)
+    def __init__(self, layout: str, sensor: str):
+        self.sensor, self.layout = sensor, load_layout(layout)
         self.electrodes = self.layout.electrodes
-        self._order = np.array(spread(self.layout.positions, range(self.electrodes)))
+        self._order = np.array(scan_order.spread(self.layout.positions, range(self.electrodes)))
         self.pipeline = make_pipeline(self.layout)
         self._clock = 0.0  # s, at which a scene begins
 
@@ -165,7 +160,7 @@ class Sensor:
                 costs.append((followed - start, time.thread_time() - followed))
                 true = [c.at(now) for c in contacts if c.start <= now < c.end]
                 yield Row(now, result.contacts, bool(result.reason), true)
-            due[number + 1 + self.late] = frame, self._clock + starts
+            due[number + 1 + LATE] = frame, self._clock + starts
 
     def _tell(self, state, frame, begun: float) -> None:
         if not state.asks:  # as in the node
@@ -209,7 +204,7 @@ def onset(sensor: Sensor, touches: int, beside: bool) -> Tally:
     random, tally = np.random.default_rng(16 + beside), Tally()
     frame = sensor.electrodes
     # a frame, and some rows until it is told, after which what rests is known
-    known = frame * (1 + int(np.ceil((sensor.late + 1) / frame))) * beside
+    known = frame * (1 + int(np.ceil((LATE + 1) / frame))) * beside
     for touch in range(touches):
         held = sensor.anywhere(random)
         place = sensor.anywhere(random, held)
@@ -302,29 +297,29 @@ def still(sensor: Sensor, rows: int, load: bool) -> Tally:
     return tally
 
 
+CASES = {
+    "onset from nothing": partial(onset, beside=False),
+    "onset beside one": partial(onset, beside=True),
+    **{f"{speed:g} m/s": partial(moving, speed=speed) for speed in SPEEDS},
+    "passing at 20 mm": crossing,
+    "idle": partial(still, load=False),
+    "resting load": partial(still, load=True),
+}
+
+
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--touches", type=int, default=50, help="of each case")
-    parser.add_argument("--idle", type=int, default=20_000, help="rows where nothing happens")
-    parser.add_argument("--late", type=int, default=24, help="rows until a frame is estimated")
-    parser.add_argument("--layout", default="equal-8x8", help="a name or a file")
-    parser.add_argument("--sensor", choices=ASIDE, default="exact")
-    cases = {
-        "onset from nothing": lambda s, n: onset(s, n, False),
-        "onset beside one": lambda s, n: onset(s, n, True),
-        **{f"{v:g} m/s": lambda s, n, v=v: moving(s, n, v) for v in SPEEDS},
-        "passing at 20 mm": crossing,
-        "idle": lambda s, n: still(s, args.idle, False),
-        "resting load": lambda s, n: still(s, args.idle // 4, True),
-    }
-    parser.add_argument("--cases", nargs="+", choices=cases, default=list(cases))
-    args = parser.parse_args()
-    sensor, table = Sensor(args.late, args.layout, args.sensor), []
+    args = options(
+        __doc__,
+        touches=(50, "of each case"),
+        idle=(20_000, "rows where nothing happens"),
+        layout=("equal-8x8", "a name or a file"),
+        sensor=("exact", None, ASIDE),
+        cases=(list(CASES), None, CASES),
+    )
+    sensor, table = Sensor(args.layout, args.sensor), Table("case", *COUNTS, *SPREADS, *COSTS)
+    counts = {"idle": args.idle, "resting load": args.idle // 4}
     for name in args.cases:
-        begun = time.monotonic()
-        table.append(cases[name](sensor, args.touches).line(name))
-        print(f"{name}: {time.monotonic() - begun:.0f} s", file=sys.stderr, flush=True)
-    print("\n".join(markdown(["case", *COUNTS, *SPREADS, *COSTS], table)))
+        table.add(*CASES[name](sensor, counts.get(name, args.touches)).line(name))
 
 
 if __name__ == "__main__":

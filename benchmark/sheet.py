@@ -1,8 +1,8 @@
 """Models of the sheet: how far their voltages are off, and what they cost.
 
-    scripts/setup python3 benchmark/sheet.py [--parts accuracy reference speed] [--contacts 20]
+    scripts/setup python3 benchmark/sheet.py [--parts accuracy reference speed]
 
-accuracy   largest error of any reading of a frame, mV of 3.3 V, median (maximum) over random places: the
+accuracy   largest error of any reading of a frame, mV of 3.3 V, median (maximum) over 20 random places: the
            closed form against finite elements of side/160 with 32 nodes to an electrode, finite elements
            against the closed form with 12 charges to an electrode; twice as many patches to a contact
 reference  errors of the readings of a frame, mV of 3.3 V, root mean square (maximum): the reference model
@@ -11,17 +11,14 @@ speed      ms of transfer objects to 41 x 41 nodes, and of frames. All in turn: 
            shortest
 """
 
-import argparse
-import os
 from dataclasses import replace
 from itertools import count
-
-os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
 
 from tomotactile_ros.bench import tables, timing
-from tomotactile_ros.bench.libraries import lattice
+from tomotactile_ros.bench.peers import lattice
+from tomotactile_ros.bench.program import options
 from tomotactile_ros.bench.reference import ReferenceSheet, reference_frame
 from tomotactile_ros.bench.reference_mesh import default_size
 from tomotactile_ros.layouts.layout import equal_grid
@@ -42,6 +39,7 @@ ANYWHERE = {  # radius m, conductance S/m^2
     "disc 15 mm, 20 kPa": (0.015, 2.0),
     "bare disc 2.5 mm": (0.0025, np.inf),
 }
+PLACES = 20  # random ones
 SPEEDS, WAY = (0.002, 0.01, 0.2, 1.0), 0.12  # m/s; s
 
 
@@ -49,15 +47,13 @@ def disc(x, y, radius, **more):
     return Contact("disc", center=(x, y), radius=radius, **more)
 
 
+LINE = Contact("rectangle", center=(0.013, 0.021), size=(0.1, 0.005), angle=37.0)
 PLACED = {  # contact, conductance S/m^2
     "disc 5 mm, 20 kPa": (disc(0.013, 0.021, 0.005), 2.0),
     "disc 5 mm, 400 kPa": (disc(0.013, 0.021, 0.005), 40.0),
     "disc 8 mm over an electrode, 20 kPa": (disc(0.0143, 0.0153, 0.008), 2.0),
     "disc 12 mm over a corner, 20 kPa": (disc(0.095, 0.095, 0.012), 2.0),
-    "line 100 x 5 mm, 20 kPa": (
-        Contact("rectangle", center=(0.013, 0.021), size=(0.1, 0.005), angle=37.0),
-        2.0,
-    ),
+    "line 100 x 5 mm, 20 kPa": (LINE, 2.0),
     "bare disc 5 mm": (disc(0.0, 0.0, 0.005), np.inf),
 }
 
@@ -66,11 +62,9 @@ def readings(sheet, contact, conductance, across):
     return frame(*contact_points(sheet, [(contact.patches(across), conductance)]), DRIVE)
 
 
-def accuracy(places):
-    fine_fem, fine_closed = (
-        FemSheet(LAYOUT, h=SIDE / 160, ring=32),
-        ClosedFormSheet(LAYOUT, ring=12),
-    )
+def accuracy():
+    fine_fem = FemSheet(LAYOUT, h=SIDE / 160, ring=32)
+    fine_closed = ClosedFormSheet(LAYOUT, ring=12)
     models = {
         "closed form": (ClosedFormSheet(LAYOUT), fine_fem),
         "closed form, no shunting": (ClosedFormSheet(LAYOUT, shunting=False), fine_fem),
@@ -80,7 +74,7 @@ def accuracy(places):
     random, rows = np.random.default_rng(0), []
     for words, (radius, conductance) in ANYWHERE.items():
         errors = []
-        while len(errors) < places:
+        while len(errors) < PLACES:
             centre = (random.random(2) - 0.5) * (SIDE - 2 * radius)
             gap = np.linalg.norm(LAYOUT.positions - centre, axis=1).min() - radius - LAYOUT.radius
             if conductance == np.inf and gap < 1e-3:
@@ -91,19 +85,14 @@ def accuracy(places):
                 fine: readings(fine, contact, conductance, 2 * across)
                 for fine in (fine_fem, fine_closed)
             }
-            errors.append(
-                [
-                    1e3
-                    * np.nanmax(np.abs(readings(model, contact, conductance, across) - exact[fine]))
-                    for model, fine in models.values()
-                ]
-            )
+            off = (readings(m, contact, conductance, across) - exact[f] for m, f in models.values())
+            errors.append([1e3 * np.nanmax(np.abs(each)) for each in off])
         cells = zip(np.median(errors, axis=0), np.max(errors, axis=0))
         rows.append((words, *(f"{median:.1f} ({most:.1f})" for median, most in cells)))
     return ("contact", *models), rows
 
 
-def reference(places):
+def reference():
     h = default_size(LAYOUT)
     coarse, fine = ReferenceSheet(LAYOUT, h=h), ReferenceSheet(LAYOUT, h=h / 2)
     models, rows = (ClosedFormSheet(LAYOUT), FemSheet(LAYOUT, h=SIDE / 80)), []
@@ -119,16 +108,14 @@ def reference(places):
     return ("contact", "reference", "closed form", "FEM, h = side/80"), rows
 
 
-def speed(places):
-    nodes, calls = lattice(LAYOUT, CELLS)[0], {}
-    for words, make in (
-        ("finite elements", lambda: FemSheet(LAYOUT, h=SIDE / CELLS)),
-        ("closed form", lambda: ClosedFormSheet(LAYOUT)),
-    ):
-        calls[f"transfer object, {words}"] = lambda make=make: make().transfer(
-            nodes, SIDE / CELLS / 4
-        )
-    scene = load_scene("default")
+def speed():
+    nodes, size, scene = lattice(LAYOUT, CELLS)[0], SIDE / CELLS, load_scene("default")
+    calls = {
+        "transfer object, finite elements": lambda: FemSheet(LAYOUT, h=size).transfer(
+            nodes, size / 4
+        ),
+        "transfer object, closed form": lambda: ClosedFormSheet(LAYOUT).transfer(nodes, size / 4),
+    }
     at_rest = [
         disc(*place, 0.005, pressure=2e4)
         for place in ((-0.071, 0.048), (0.069, -0.052), (0.012, 0.017))
@@ -177,12 +164,9 @@ PARTS = {"accuracy": accuracy, "reference": reference, "speed": speed}
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS))
-    parser.add_argument("--contacts", type=int, default=20, help="random places (20)")
-    args = parser.parse_args()
+    args = options(__doc__, parts=(list(PARTS), None, PARTS))
     for name in args.parts:
-        print("\n".join([*tables.markdown(*PARTS[name](args.contacts)), ""]), flush=True)
+        print("\n".join([*tables.markdown(*PARTS[name]()), ""]), flush=True)
 
 
 if __name__ == "__main__":

@@ -6,42 +6,34 @@ A rectangle, an L and a ring that is cut open by 2 degrees, of 10 kPa, on `equal
 the frames, with 1 mV of noise and 12 bits.
 """
 
-import argparse
+import sys
 
 import numpy as np
 from matplotlib.figure import Figure
 from shapely import Polygon, contains_xy
 
-from tomotactile_ros.bench.cases import DEFAULT_LAYOUT, PROFILES, find_layout
+from tomotactile_ros.bench.cases import DEFAULT_LAYOUT, PROFILES
 from tomotactile_ros.bench.trials import DRIVE, make_scene
+from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.scenes.contact import Contact
 from tomotactile_ros.simulation import Simulator
 from tomotactile_ros.support.files import save_figure
 
-LETTER = [
-    (-0.06, -0.06),
-    (0.05, -0.06),
-    (0.05, -0.03),
-    (-0.03, -0.03),
-    (-0.03, 0.05),
-    (-0.06, 0.05),
-]
+LETTER = np.array([[-6, -6], [5, -6], [5, -3], [-3, -3], [-3, 5], [-6, 5]]) / 100
 _TURN = np.radians(np.linspace(1, 359, 90))
 _CIRCLE = np.column_stack([np.cos(_TURN), np.sin(_TURN)])
 SHAPES = (
     {"shape": "rectangle", "center": (0.01, 0.005), "size": (0.08, 0.05)},
-    {"shape": "polygon", "points": np.array(LETTER)},
+    {"shape": "polygon", "points": LETTER},
     {"shape": "polygon", "points": np.concatenate([0.06 * _CIRCLE, 0.04 * _CIRCLE[::-1]])},
 )
 PRESSURE = 10e3  # Pa
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("picture", help="file to write (.png)")
-    path = parser.parse_args().picture
-    layout = find_layout(DEFAULT_LAYOUT)
+    (path,) = sys.argv[1:]
+    layout = load_layout(DEFAULT_LAYOUT)
     figure = Figure(figsize=(11, 2.6 * len(SHAPES)), layout="constrained")
     axes = figure.subplots(len(SHAPES), 1 + len(PROFILES), sharex=True, sharey=True)
     pipelines = {name: Pipeline(layout, Settings(name)) for name in PROFILES}

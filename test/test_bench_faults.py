@@ -56,7 +56,8 @@ def test_a_sensor_whose_plug_is_pulled_is_an_error(tmp_path):
     faults = _load("faults")
     said = faults.plug_pulled(f"pty:{tmp_path}/port", times=2)
     row = faults.run("none", f"pty:{tmp_path}/port", 2.0)
-    assert said.startswith("2 frames, 0 wrong readings, ERROR")
+    frames, _, rest = said.partition(" ")  # one for each plug, more before a slow machine pulls it
+    assert int(frames) >= 2 and rest.startswith("frames, 0 wrong readings, ERROR")
     found = dict(zip(faults.HEADER, row, strict=True))
     assert int(found["published"]) > 0 and found["wrong readings"] == "0"
     status = Status("streaming", "", {})

@@ -7,13 +7,8 @@ import sys
 import numpy as np
 import pytest
 
-from tomotactile_ros.bench.reference import (
-    Admittance,
-    Ellipse,
-    ReferenceSheet,
-    disc,
-    reference_frame,
-)
+from tomotactile_ros.bench.reference import Admittance, ReferenceSheet, disc, reference_frame
+from tomotactile_ros.bench.reference_mesh import Ellipse
 from tomotactile_ros.layouts.layout import Layout, equal_grid
 from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.scenes.contact import Contact
@@ -42,14 +37,13 @@ def rms(difference):
     return np.sqrt(np.nanmean(difference**2))
 
 
+DISC = Contact("disc", center=PLACE, radius=0.005)
+OVER_AN_ELECTRODE = Contact("disc", center=(0.003, 0.002), radius=0.006)
+TURNED = Contact("rectangle", center=PLACE, size=(0.03, 0.01), angle=30)
+
+
 @pytest.mark.parametrize(
-    "contact, g",
-    [
-        (Contact("disc", center=PLACE, radius=0.005), 2.0),
-        (Contact("disc", center=PLACE, radius=0.005), np.inf),
-        (Contact("disc", center=(0.003, 0.002), radius=0.006), 2.0),  # over an electrode
-        (Contact("rectangle", center=PLACE, size=(0.03, 0.01), angle=30), 1.0),
-    ],
+    "contact, g", [(DISC, 2.0), (DISC, np.inf), (OVER_AN_ELECTRODE, 2.0), (TURNED, 1.0)]
 )
 def test_against_the_closed_form(contact, g):
     """A series against elements: nothing in common but the equation. 1 mV of 3.3 V."""
@@ -107,13 +101,8 @@ def test_rows_of_their_own_states_and_resistance_to_ground():
     np.testing.assert_allclose(np.delete(behind, 4), np.delete(expected, 4))
 
 
-def test_nothing_touches():
-    state = ReferenceSheet(GRID).solve([])
-    found = reference_frame(state, DRIVE)
-    assert (found[~np.eye(9, dtype=bool)] == 0).all()
-
-
-def test_a_bare_conductor_on_an_electrode_is_refused():
+def test_nothing_touches_and_a_bare_conductor_on_an_electrode_is_refused():
+    assert (voltages(GRID, [])[~np.eye(9, dtype=bool)] == 0).all()
     with pytest.raises(InputError, match="a bare conductor touches an electrode"):
         ReferenceSheet(GRID).solve([(disc((0.0, 0.0), 0.005), np.inf)])
 

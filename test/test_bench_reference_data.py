@@ -1,11 +1,13 @@
 """Reference data: what the files hold is what the model gives, and they say what presses."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from tomotactile_ros.bench import reference_data, reference_slides
 from tomotactile_ros.bench.reference import reference_frame
-from tomotactile_ros.bench.reference_cases import families, truth
+from tomotactile_ros.bench.reference_cases import FAMILIES, family, truth
 from tomotactile_ros.bench.sensor.states import states
 from tomotactile_ros.bench.trials import LAW
 from tomotactile_ros.scenes.contact import Contact
@@ -13,23 +15,23 @@ from tomotactile_ros.scenes.scene import Scene
 from tomotactile_ros.simulation import Simulator
 from tomotactile_ros.support.errors import InputError
 
-FAMILIES = families()
-
 
 @pytest.mark.parametrize("name", FAMILIES)
 def test_a_file_holds_its_family(name):
     """States and layout as their maker says them, and physical admittances."""
-    data, family = states(name), FAMILIES[name]()
-    assert len(data.seen) == len(family.states)
-    np.testing.assert_allclose(data.layout.positions, family.layout.positions)
-    assert data.layout.outline.area == pytest.approx(family.layout.outline.area)
-    assert data.cases == [state.case for state in family.states]
-    for contacts, state in zip(data.truths, family.states, strict=True):
+    data, made = states(name), family(name)
+    assert len(data.seen) == len(made.states)
+    np.testing.assert_allclose(data.layout.positions, made.layout.positions)
+    assert data.layout.outline.area == pytest.approx(made.layout.outline.area)
+    assert data.cases == [state.case for state in made.states]
+    for contacts, state in zip(data.truths, made.states, strict=True):
         for contact, press in zip(contacts, state.contacts, strict=True):
-            expected = truth(press, family.layout.outline)
+            expected = truth(press, made.layout.outline)
             assert contact.keys() == expected.keys() and contact["shape"] == expected["shape"]
             for key in expected.keys() - {"shape"}:
                 np.testing.assert_allclose(contact[key], expected[key], rtol=1e-9, atol=1e-12)
+            assert contact["force"] > 0 and contact["area"] > 0
+            assert data.layout.outline.contains(np.array([[contact["x"], contact["y"]]])).all()
     for number in (0, -1):
         # through the contacts flows no more than their area passes
         most = sum(each["area"] * each["conductance"] for each in data.truths[number])
@@ -39,26 +41,18 @@ def test_a_file_holds_its_family(name):
         assert (frame[off] > 0).all() and (frame[off] < 3.3).all()
 
 
-def test_contacts_lie_on_the_sheet():
-    for name, make in FAMILIES.items():
-        family = make()
-        for state in family.states:
-            for press in state.contacts:
-                found = truth(press, family.layout.outline)
-                assert found["force"] > 0 and found["area"] > 0, name
-                assert family.layout.outline.contains(np.array([[found["x"], found["y"]]])).all()
-
-
-def test_made_again_and_through_a_file(tmp_path):
+@pytest.fixture
+def reference_model():
     pytest.importorskip("skfem")
     try:
         import gmsh  # noqa: F401
     except (ImportError, OSError) as error:
         pytest.skip(f"no Gmsh: {error}")
-    from dataclasses import replace
 
-    family = FAMILIES["textbook-4x4"]()
-    reference_data.make(replace(family, states=family.states[:2]), tmp_path / "two.npz")
+
+def test_made_again_and_through_a_file(tmp_path, reference_model):
+    whole = family("textbook-4x4")
+    reference_data.make(replace(whole, states=whole.states[:2]), tmp_path / "two.npz")
     made, kept = states(tmp_path / "two.npz"), states("textbook-4x4", most=2)
     for one, other in zip(made.seen, kept.seen, strict=True):
         difference = reference_frame(one, 3.3) - reference_frame(other, 3.3)
@@ -76,10 +70,7 @@ def test_what_is_no_data(tmp_path):
 
 @pytest.fixture(scope="module")
 def slides():
-    try:
-        return reference_slides.load("equal-8x8")
-    except InputError as error:
-        pytest.skip(f"no reference data: {error}")
+    return reference_slides.load("equal-8x8")
 
 
 def test_a_file_holds_its_slides(slides):
@@ -103,13 +94,10 @@ def test_a_file_holds_its_slides(slides):
 @pytest.mark.parametrize("speed", reference_slides.SPEEDS)
 def test_rows_of_a_slide_are_those_of_the_simulator_within_a_hundredth(slides, speed):
     """A row-true frame by two models that share nothing, of 1 V; frozen it is far off."""
-    slide = slides.slides[0]
+    slide, told = slides.slides[0], slides.slides[0]["contact"]
+    velocity = speed * np.array(slide["direction"])
     contact = Contact(
-        "disc",
-        center=slide["contact"]["center"],
-        radius=slide["contact"]["disc_radius"],
-        pressure=slide["contact"]["pressure"],
-        velocity=speed * np.array(slide["direction"]),
+        "disc", told["center"], told["disc_radius"], pressure=told["pressure"], velocity=velocity
     )
     scene, period = Scene("slide", 1.0, [contact], LAW), slides.made["row_period"]
     expected = slides.rows[0, slides.speeds.index(speed)][:64]
@@ -120,13 +108,8 @@ def test_rows_of_a_slide_are_those_of_the_simulator_within_a_hundredth(slides, s
     assert np.nanmax(np.abs(frozen - expected)) > 0.05
 
 
-def test_slides_made_again_and_through_a_file(tmp_path, monkeypatch):
+def test_slides_made_again_and_through_a_file(tmp_path, monkeypatch, reference_model):
     """One scan of one slide on a coarse mesh, and rows at one place share a solution."""
-    pytest.importorskip("skfem")
-    try:
-        import gmsh  # noqa: F401
-    except (ImportError, OSError) as error:
-        pytest.skip(f"no Gmsh: {error}")
     monkeypatch.setattr(reference_slides, "SCANS", 1)
     monkeypatch.setattr(reference_slides, "SPEEDS", (0.5, 1.0))
     reference_slides.make("equal-4x4", tmp_path / "one.npz", h=0.02, most=1)

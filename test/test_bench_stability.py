@@ -26,8 +26,13 @@ def row_of(what, value):
     return extremes.row(trial, value)
 
 
-def test_no_contact_gives_no_place():
-    row = row_of("contact conductance", 0.0)
+@pytest.mark.parametrize(
+    ("what", "value"),
+    # on a sheet of a millionth of the resistance a contact cannot be seen, the law being the same
+    [("contact conductance", 0.0), ("sheet resistance", 0.01)],
+)
+def test_what_cannot_be_seen_has_no_place(what, value):
+    row = row_of(what, value)
     assert [each["profile"] for each in row["profiles"]] == list(PROFILES)
     assert {each["refusal"] for each in row["profiles"]} == {"idle"}
 
@@ -37,6 +42,12 @@ def test_a_refusal_is_a_row():
     assert row["profiles"] is None and "rows: 1" in row["refusal"]
     (line,) = [line for line in report.stability_lines([row]) if line.startswith("electrodes ")]
     assert line.split() == ["electrodes", "1", *["[1]"] * len(PROFILES)]
+
+    def refuse(value):
+        raise InputError("no")
+
+    row = extremes.row(extremes.Trial("what", (np.inf,), refuse), np.inf)
+    assert (row["value"], row["refusal"]) == ("inf", "no")  # JSON knows no other
 
 
 def test_place_and_force_of_every_profile():
@@ -55,33 +66,12 @@ def test_a_value_beyond_its_own_deviation_is_marked():
     untold = Reported(0.02, 0.032, 1.2, (np.nan,) * 4, np.nan)
     found = {"fast": untold, "balanced": unsure, "accurate": sure}
     outcomes = [extremes._row(name, lambda name: [found[name]], true, 0.2, force) for name in found]
-    assert outcomes[0]["place_off"] is None and outcomes[0]["force_off"] is None
-    assert outcomes[1]["place_off"] == pytest.approx(1.0) and outcomes[1]["force_off"] == 0.0
-    assert outcomes[2]["place_off"] == pytest.approx(20.0)
-    assert outcomes[2]["force_off"] == pytest.approx(40.0)
-    row = {"what": "w", "value": 1, "warnings": []}
-    *_, line, told = report.stability_lines([{**row, "profiles": outcomes, "refusal": None}])
+    assert [each["place_off"] for each in outcomes] == [None, pytest.approx(1), pytest.approx(20)]
+    assert [each["force_off"] for each in outcomes] == [None, 0.0, pytest.approx(40)]
+    row = {"what": "w", "value": 1, "warnings": [], "profiles": outcomes, "refusal": None}
+    *_, line, told = report.stability_lines([row])
     assert line.endswith("  1.0e-02 !20, -40 % !40") and line.count("!") == 2
     assert "1 of the 2 outcomes" in told
-
-
-def test_the_contact_law_stays_while_the_sheet_changes():
-    """A contact on a sheet of a millionth of the resistance cannot be seen; it was as easy
-    before."""
-    row = row_of("sheet resistance", 0.01)
-    assert {each["refusal"] for each in row["profiles"]} == {"idle"}
-
-
-def test_what_no_number_can_say_is_text():
-    def outcome(value):
-        if value == 1:
-            return []
-        raise InputError("no")
-
-    trial = extremes.Trial("what", (1, np.inf), outcome)
-    first, second = (extremes.row(trial, value) for value in trial.values)
-    assert first["profiles"] == [] and first["refusal"] is None
-    assert second["value"] == "inf" and second["refusal"] == "no"
 
 
 @pytest.mark.parametrize("step", [1, 3, 100])

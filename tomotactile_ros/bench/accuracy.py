@@ -12,10 +12,11 @@ from tomotactile_ros.evaluation.metrics import quality
 from tomotactile_ros.evaluation.scoring import REACH, score
 from tomotactile_ros.layouts.grid import Grid
 from tomotactile_ros.reconstruction import Pipeline
-from tomotactile_ros.reconstruction.contacts_in_image import Blob, find_blobs
+from tomotactile_ros.reconstruction.contacts_in_image import find_blobs
 from tomotactile_ros.view.contact_lines import pair
 
 SENSORS = "textbook", "worn"
+Truths = Sequence[Sequence[dict]]  # of each frame x, y, m, and force, N, of all true contacts
 _MOST = 0.8  # of all pairs that must be told apart
 
 
@@ -28,31 +29,29 @@ def measure(pipeline: Pipeline, trials: Trials) -> dict:
                           of `SENSORS`, see `evaluation.scoring`
     ospa                  on each of `SENSORS`, see `ospa`
     contact_error         distance of the strongest reported contact from the true one
-    worn                  position and contact error on the worn sensor
+    worn                  contact error on the worn sensor
     two_contacts          smallest distance from which on 80 % of the pairs are told apart, None if
                           none
     force_error           |found - true| / true of one contact and of two, missed ones count as 1
     """
-    singles = process(pipeline, trials.singles)
-    pairs = process(pipeline, trials.pairs)
-    worn = process(pipeline, trials.worn)
-    worn_pairs = process(pipeline, trials.worn_pairs)
-    resolved = told_apart(pairs, trials.pairs.positions)
-    disturbed = merit(images(pipeline, worn), trials.worn, pipeline.grid)
-    scores = {
-        "textbook": {"one": _score(singles, trials.singles), "two": _score(pairs, trials.pairs)},
-        "worn": {"one": _score(worn, trials.worn), "two": _score(worn_pairs, trials.worn_pairs)},
+    found = {
+        sensor: [(process(pipeline, each), each.truths) for each in trials.of[sensor]]
+        for sensor in SENSORS
     }
-    return merit(images(pipeline, singles), trials.singles, pipeline.grid) | {
-        "contact_error": spread(distances(singles, trials.singles.positions)),
-        "worn": {
-            "position_error": disturbed["position_error"],
-            "contact_error": spread(distances(worn, trials.worn.positions)),
-        },
+    one, two = found["textbook"]
+    resolved = told_apart(*two)
+    scores = {
+        sensor: {name: score(*each) for name, each in zip(("one", "two"), both, strict=True)}
+        for sensor, both in found.items()
+    }
+    images = np.array([pipeline.grid.gather(result.potential) for result in one[0]])
+    return merit(images, one[1], pipeline.grid) | {
+        "contact_error": spread(distances(*one)),
+        "worn": {"contact_error": spread(distances(*found["worn"][0]))},
         "two_contacts": _distance(resolved, trials.separations),
         "force_error": {
-            "one": spread(_force_error(singles, trials.singles)),
-            "two": spread(_force_error(pairs, trials.pairs)[np.repeat(resolved, 2)]),
+            "one": spread(_all_force_errors(*one)),
+            "two": spread(_all_force_errors(*two)[np.repeat(resolved, 2)]),
         },
         "scores": scores,
         "ospa": {sensor: ospa(each.values()) for sensor, each in scores.items()},
@@ -65,27 +64,17 @@ def process(pipeline: Pipeline, recording: Recording) -> list:
     return [pipeline.process(frame, everything, DRIVE) for frame in recording.frames]
 
 
-def images(pipeline: Pipeline, results: list) -> np.ndarray:
-    """(N, K) potential of the pixels inside the outline, V."""
-    return np.array([pipeline.grid.gather(result.potential) for result in results])
-
-
-def merit(images: np.ndarray, recording: Recording, grid: Grid) -> dict:
+def merit(images: np.ndarray, truths: Truths, grid: Grid) -> dict:
     """`hwhm`, `position_error` and `blur` of `images` (N, K) of single contacts, m."""
-    found = quality(images, np.concatenate(recording.positions), grid)
+    found = quality(images, [(true["x"], true["y"]) for (true,) in truths], grid)
     return {key: spread(getattr(found, key)) for key in ("hwhm", "position_error", "blur")}
 
 
 def spread(values) -> dict:
-    """Mean, median and 95th percentile; None of no values."""
-    values = np.asarray(values, float)
+    """Mean and 95th percentile; None of no values."""
     if not len(values):
-        return {"mean": None, "median": None, "p95": None}
-    return {
-        "mean": float(values.mean()),
-        "median": float(np.median(values)),
-        "p95": float(np.percentile(values, 95)),
-    }
+        return {"mean": None, "p95": None}
+    return {"mean": float(np.mean(values)), "p95": float(np.percentile(values, 95))}
 
 
 def ospa(scores: Iterable[dict]) -> float:
@@ -101,74 +90,61 @@ def ospa(scores: Iterable[dict]) -> float:
     return float(total / number)
 
 
-def image_scores(found: np.ndarray, recording: Recording, grid: Grid) -> dict:
+def image_scores(found: np.ndarray, truths: Truths, grid: Grid) -> dict:
     """`evaluation.scoring.summary` of the peaks of images (N, K), for methods that end there; no
-    forces."""
-    results = [_Peaks(find_blobs(grid.fill(image, 0.0), grid)) for image in found]
-    truths = [[{"x": x, "y": y, "force": None} for x, y in each] for each in recording.positions]
-    return score(results, truths)
+    forces, and all peaks count."""
+    results = []
+    for image in found:
+        peaks = [each.position for each in find_blobs(grid.fill(image, 0.0), grid)]
+        contacts = [SimpleNamespace(x=x, y=y, force=np.inf) for x, y in peaks]
+        results.append(SimpleNamespace(contacts=contacts))
+    return score(results, [[true | {"force": None} for true in each] for each in truths])
 
 
-class _Peaks:
-    """Blobs as contacts that all count."""
-
-    def __init__(self, blobs: list[Blob]):
-        self.contacts = [
-            SimpleNamespace(x=each.position[0], y=each.position[1], force=np.inf) for each in blobs
-        ]
-
-
-def _score(results, recording):
-    truths = [
-        [{"x": x, "y": y, "force": force} for (x, y), force in zip(places, forces, strict=True)]
-        for places, forces in zip(recording.positions, recording.forces, strict=True)
-    ]
-    return score(results, truths)
-
-
-def distances(results: Sequence, positions: Sequence[np.ndarray]) -> np.ndarray:
-    """(N,) m, from the strongest reported contact to the true one at `positions` (N of (1, 2));
-    as far as the middle of the sheet where nothing was reported."""
+def distances(results: Sequence, truths: Truths) -> np.ndarray:
+    """(N,) m, from the strongest reported contact to the only true one; as far as the middle of the
+    sheet where nothing was reported."""
     out = []
-    for result, true in zip(results, positions, strict=True):
-        found = [(c.x, c.y) for c in result.contacts[:1]] or [(0.0, 0.0)]
-        out.append(np.linalg.norm(np.subtract(found[0], true[0])))
+    for result, (true,) in zip(results, truths, strict=True):
+        (found,) = [(c.x, c.y) for c in result.contacts[:1]] or [(0.0, 0.0)]
+        out.append(np.linalg.norm(np.subtract(found, (true["x"], true["y"]))))
     return np.array(out)
 
 
-def force_errors(results: Sequence, forces: Sequence[float]) -> np.ndarray:
-    """(N,) |found - true| / true of the strongest reported contact, where one of `forces` (N,), N,
-    presses; 1 where nothing was reported."""
+def force_errors(results: Sequence, truths: Truths) -> np.ndarray:
+    """(N,) |found - true| / true of the strongest reported contact, where one presses; 1 where
+    nothing was reported."""
     found = [result.contacts[0].force if result.contacts else 0.0 for result in results]
-    true = np.array(forces, float)
-    return np.abs(np.array(found) - true) / true
+    return np.array(
+        [abs(each - true["force"]) / true["force"] for each, (true,) in zip(found, truths)]
+    )
 
 
-def _matches(result, true):
-    """For each true contact (n, 2) the reported one, None where there is none."""
-    partner = pair(result.contacts, [{"x": x, "y": y} for x, y in true])
-    found = {j: contact for j, contact in zip(partner, result.contacts) if j is not None}
-    return [found.get(j) for j in range(len(true))]
+def _matches(result, truth):
+    """For each true contact the reported one, None where there is none."""
+    found = {j: contact for j, contact in zip(pair(result.contacts, truth), result.contacts)}
+    return [found.get(j) for j in range(len(truth))]
 
 
-def _force_error(results, recording):
+def _all_force_errors(results, truths):
     """(sum n,) relative error of every true contact's force."""
-    out = []
-    for result, true, forces in zip(results, recording.positions, recording.forces, strict=True):
-        for contact, force in zip(_matches(result, true), forces, strict=True):
-            out.append(1.0 if contact is None else abs(contact.force / force - 1))
-    return np.array(out)
+    return np.array(
+        [
+            1.0 if contact is None else abs(contact.force / true["force"] - 1)
+            for result, truth in zip(results, truths, strict=True)
+            for contact, true in zip(_matches(result, truth), truth, strict=True)
+        ]
+    )
 
 
-def told_apart(results: Sequence, positions: Sequence[np.ndarray]) -> np.ndarray:
-    """(N,) bool: exactly two contacts, each nearer to its true place of `positions` (N of (2, 2))
-    than to the middle."""
+def told_apart(results: Sequence, truths: Truths) -> np.ndarray:
+    """(N,) bool: exactly two contacts, each nearer to its true one, of two, than to the middle."""
     out = []
-    for result, true in zip(results, positions, strict=True):
-        limit = np.linalg.norm(true[0] - true[1]) / 2
+    for result, (one, other) in zip(results, truths, strict=True):
+        limit = np.hypot(one["x"] - other["x"], one["y"] - other["y"]) / 2
         near = [
-            contact is not None and np.hypot(contact.x - x, contact.y - y) < limit
-            for contact, (x, y) in zip(_matches(result, true), true, strict=True)
+            contact is not None and np.hypot(contact.x - true["x"], contact.y - true["y"]) < limit
+            for contact, true in zip(_matches(result, (one, other)), (one, other), strict=True)
         ]
         out.append(len(result.contacts) == 2 and all(near))
     return np.array(out)

@@ -54,26 +54,20 @@ def ratios(result: dict) -> dict[str, float]:
 
 def different_accuracy(one: dict, other: dict) -> Iterator[str]:
     """A line for each row of the trade and of the sensor's parts whose accuracy is not the same."""
-    rows = {_name(row): row for row in other["trade"]}
-    for row in one["trade"]:
-        twin = rows.get(_name(row), row)
-        keys = [key for key in row if key not in _MEASURED and row[key] != twin.get(key)]
-        if keys:
-            yield f"{_name(row)}: {', '.join(keys)}"
-    sensor = _sensor_rows(other)
-    for name, row in _sensor_rows(one).items():
-        keys = [key for key in row if row[key] != sensor.get(name, row)[key]]
+    rows = _accuracy(other)
+    for name, row in _accuracy(one).items():
+        keys = [key for key in row if row[key] != rows.get(name, row).get(key)]
         if keys:
             yield f"{name}: {', '.join(keys)}"
 
 
-def _sensor_rows(result):
-    return {
-        f"{row['case']}, {row['method']}": row
-        for rows in result.get("sensor", {}).values()
-        if "skipped" not in rows
-        for row in rows
-    }
+def _accuracy(result):
+    """By the name of each row what is no measured time or memory."""
+    parts = (part for part in result.get("sensor", {}).values() if "skipped" not in part)
+    rows = {f"{row['case']}, {row['method']}": row for part in parts for row in part}
+    for row in result["trade"]:
+        rows[_name(row)] = {key: row[key] for key in row if key not in _MEASURED}
+    return rows
 
 
 def _common(one, other):

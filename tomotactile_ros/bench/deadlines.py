@@ -12,10 +12,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from tomotactile_ros.bench.cases import find_layout
+from tomotactile_ros.bench.reference_cases import apart
 from tomotactile_ros.bench.trials import make_scene
-from tomotactile_ros.evaluation.scoring import REACH, score_frame
-from tomotactile_ros.layouts.layout import Layout
+from tomotactile_ros.evaluation.scoring import REACH, score_frame, summary
+from tomotactile_ros.layouts.layout import Layout, load_layout
 from tomotactile_ros.reconstruction import ContactEstimate, Pipeline, Settings
 from tomotactile_ros.scenes.contact import Contact
 from tomotactile_ros.scenes.scene import Scene, load_scene
@@ -38,7 +38,7 @@ def measure(tick: Callable[[float], None] = lambda fraction: None) -> list[dict]
     worst time, s."""
     rows = []
     for name, (layout_name, make) in SENSORS.items():
-        layout = find_layout(layout_name)
+        layout = load_layout(layout_name)
         scene = make(layout)
         simulator = Simulator(layout, scene)
         lasts = simulator.row_period * len(simulator.grounded)
@@ -66,17 +66,17 @@ def _judge(pipeline, scene, frames, deadline) -> dict:
         complete += result.complete
         truth = scene.truth(frame.stamp + result.holds)
         scores.append(score_frame(list(filter(_names_a_place, result.contacts)), truth))
-    forces = np.concatenate([score.force for score in scores])
+    found = summary(scores)
     return {
         "frames": len(frames),
-        "ospa": float(np.mean([score.ospa for score in scores])),
-        "ghosts": sum(score.ghosts + score.doubled for score in scores),
-        "missed": sum(score.missed for score in scores),
-        "force": float(np.median(np.abs(forces))) if len(forces) else None,
+        "ospa": found["ospa"]["mean"],
+        "ghosts": found["ghosts"] + found["doubled"],
+        "missed": found["missed"],
+        "force": found["force"]["median"],
         "withheld": withheld,
         "complete": complete,
         "median": float(np.median(times)),
-        "worst": float(np.max(times)),
+        "worst": max(times),
     }
 
 
@@ -89,11 +89,7 @@ def _names_a_place(contact: ContactEstimate) -> bool:
 def _crowd(layout: Layout, number: int) -> Scene:
     """So many fingertips at rest, 20 % of the side and more from each other, of 1 to 5 N."""
     random, size = np.random.default_rng(3), np.array(layout.outline.size)
-    places: list[np.ndarray] = []
-    while len(places) < number:
-        place = (0.8 * size) * (random.random(2) - 0.5)
-        if all(np.hypot(*(place - other)) > 0.2 * size.max() for other in places):
-            places.append(place)
+    places = apart(lambda: (0.8 * size) * (random.random(2) - 0.5), number, 0.2 * size.max())
     contacts = (
         Contact("disc", center=place.tolist(), radius=0.006, force=force)
         for place, force in zip(places, np.linspace(1.0, 5.0, number), strict=True)

@@ -41,11 +41,11 @@ _RADIUS = 0.005  # of a contact, m
 
 @dataclass(frozen=True)
 class Trial:
-    """An extreme: `found(value)` is what each profile makes of it (`_row`), for each of `values`."""
+    """An extreme: `given(value)` are arguments of `outcomes` for each of `values`."""
 
     what: str
     values: tuple
-    found: Callable[[Any], list[dict]]
+    given: Callable[[Any], dict]
 
 
 def run(step: int = 1, tick: Callable[[float], None] = lambda fraction: None) -> Iterator[dict]:
@@ -70,7 +70,7 @@ def row(trial: Trial, value: float) -> dict:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
-            profiles = trial.found(value)
+            profiles = outcomes(**trial.given(value))
         except InputError as refused:
             refusal = str(refused)
     return {
@@ -87,57 +87,43 @@ def grid(side: float = 0.2, resistance: float = 1e4) -> Layout:
     return equal_grid(8, 8, (side, side), 0.1 * side / 8, resistance)
 
 
-def by_resistance(resistance: float) -> list[dict]:
-    return _contacts(grid(resistance=resistance))
-
-
-def by_side(side: float) -> list[dict]:
-    return _contacts(grid(side))
-
-
-def by_unsaid_noise(noise: float) -> list[dict]:
-    return _contacts(noise=noise, said=NOISE)
-
-
-def by_conductance(conductance: float) -> list[dict]:
+def of_conductance(conductance: float) -> dict:
+    """By another contact law; a bare conductor has none, and without conductance nothing presses."""
     if conductance == 0:
-        return _contacts(pressure=0.0)
-    bare = conductance == np.inf
-    return _contacts(law=None if bare else ContactLaw(conductance / PRESSURE, 1.0))
+        return {"pressure": 0.0}
+    return {"law": None if conductance == np.inf else ContactLaw(conductance / PRESSURE, 1.0)}
 
 
-def by_dead(number: int) -> list[dict]:
-    order = np.random.default_rng(5).permutation(64)
-    return _contacts(dead=sorted(order[:number].tolist()))
+def of_dead(number: int) -> dict:
+    return {"dead": sorted(np.random.default_rng(5).permutation(64)[:number].tolist())}
 
 
-def by_electrodes(number: int) -> list[dict]:
+def of_electrodes(number: int) -> dict:
     rows = math.isqrt(number)
     cols = number // rows
     size = (0.2 * cols / max(rows, cols), 0.2 * rows / max(rows, cols))
-    return _contacts(equal_grid(rows, cols, size, 0.02 / max(rows, cols), 1e4))
+    return {"layout": equal_grid(rows, cols, size, 0.02 / max(rows, cols), 1e4)}
 
 
-def by_rim(inside: float) -> list[dict]:
+def of_rim(inside: float) -> dict:
     """A contact whose centre is so many of its radii inside the rim."""
     cut = min(inside, 1.0)  # where the rim is, in radii from the centre
     half_chord = math.sqrt(1 - cut**2)
     part = 1 - (math.acos(cut) - cut * half_chord) / np.pi
     aside = 2 / 3 * half_chord**3 / (np.pi * part)  # of the centre of what is left, in radii
     places = np.array([[0.1 - inside * _RADIUS, 0.026]])
-    true = places - [[aside * _RADIUS, 0.0]]
-    return _contacts(places=places, part=part, true=true)
+    return {"places": places, "part": part, "true": places - [[aside * _RADIUS, 0.0]]}
 
 
-def by_number(number: int) -> list[dict]:
+def of_number(number: int) -> dict:
     """Contacts evenly spread, a square of them."""
     side = math.ceil(math.sqrt(number))
     steps = 0.17 * ((np.arange(side) + 0.5) / side - 0.5)
     places = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)[:number]
-    return _contacts(places=places + [0.003, -0.002])
+    return {"places": places + [0.003, -0.002]}
 
 
-def _contacts(
+def outcomes(
     layout=None, *, law=LAW, pressure=PRESSURE, noise=NOISE, bits=12, dead=(), level=None,
     radius=_RADIUS, places=None, part=1.0, true=None, said=None,
 ) -> list[dict]:  # fmt: skip
@@ -228,23 +214,30 @@ def _force_off(error, contacts):
     return float(min(abs(error) / deviation, MOST)) if deviation > 0 else MOST
 
 
-def by(name: str) -> Callable[[float], list[dict]]:
-    """With another value of one argument of `_contacts`."""
-    return lambda value: _contacts(**{name: value})
-
-
 _POWERS = 1e-12, 1e-6, 1e-3, 1.0, 1e3
 TRIALS = (
-    Trial("sheet resistance, ohm/sq", tuple(10.0**n for n in range(-3, 10, 2)), by_resistance),
-    Trial("contact conductance, S/m2", (0.0, *_POWERS, 1e9, 1e30, np.inf), by_conductance),
-    Trial("lambda^2, eq. 1", (0.0, 1e-30, *_POWERS, 1e12, 1e30), by("level")),
-    Trial("noise, V", (0, 1e-5, 1e-4, 1e-3, 1e-2, 0.1, 1.0), by("noise")),
-    Trial("noise, V; 1 mV said", (1e-5, 3e-3, 1e-2, 3e-2, 0.1), by_unsaid_noise),
-    Trial("converter, bits", (1, 2, 4, 8, 12, 16, 24), by("bits")),
-    Trial("dead channels of 64", (0, 1, 4, 16, 32, 48, 60, 62, 63), by_dead),
-    Trial("side, m", (1e-3, 0.02, 0.2, 1.0, 10.0), by_side),
-    Trial("electrodes", (1, 4, 6, 9, 16, 64, 2500), by_electrodes),
-    Trial("radius of the contact, m", (1e-4, 1e-3, 0.005, 0.02, 0.05, 1.0), by("radius")),
-    Trial("centre inside the rim, radii", (2.0, 1.0, 0.5, 0.0, -0.5), by_rim),
-    Trial("contacts", (1, 16, 49, 200), by_number),
+    Trial(
+        "sheet resistance, ohm/sq",
+        tuple(10.0**n for n in range(-3, 10, 2)),
+        lambda resistance: {"layout": grid(resistance=resistance)},
+    ),
+    Trial("contact conductance, S/m2", (0.0, *_POWERS, 1e9, 1e30, np.inf), of_conductance),
+    Trial("lambda^2, eq. 1", (0.0, 1e-30, *_POWERS, 1e12, 1e30), lambda level: {"level": level}),
+    Trial("noise, V", (0, 1e-5, 1e-4, 1e-3, 1e-2, 0.1, 1.0), lambda noise: {"noise": noise}),
+    Trial(
+        "noise, V; 1 mV said",
+        (1e-5, 3e-3, 1e-2, 3e-2, 0.1),
+        lambda noise: {"noise": noise, "said": NOISE},
+    ),
+    Trial("converter, bits", (1, 2, 4, 8, 12, 16, 24), lambda bits: {"bits": bits}),
+    Trial("dead channels of 64", (0, 1, 4, 16, 32, 48, 60, 62, 63), of_dead),
+    Trial("side, m", (1e-3, 0.02, 0.2, 1.0, 10.0), lambda side: {"layout": grid(side)}),
+    Trial("electrodes", (1, 4, 6, 9, 16, 64, 2500), of_electrodes),
+    Trial(
+        "radius of the contact, m",
+        (1e-4, 1e-3, 0.005, 0.02, 0.05, 1.0),
+        lambda radius: {"radius": radius},
+    ),
+    Trial("centre inside the rim, radii", (2.0, 1.0, 0.5, 0.0, -0.5), of_rim),
+    Trial("contacts", (1, 16, 49, 200), of_number),
 )

@@ -9,13 +9,14 @@ from functools import partial
 import numpy as np
 
 from tomotactile_ros.bench import timing
-from tomotactile_ros.bench.cases import find_layout
 from tomotactile_ros.bench.trials import DRIVE, make_pipeline, make_scene, record
+from tomotactile_ros.layouts.layout import equal_grid
 
 ELECTRODES, RESOLUTIONS = (4, 8, 12), (20, 40, 80)  # to a side
-QUANTITIES = ("setup", "frame", "memory")
+QUANTITIES = {"set-up": "setup", "frame": "frame", "memory": "memory"}  # by their words
 _DEFAULT = 8, 40
-_PLACE = 0.13, 0.07  # of the contact, in parts of the sides
+_SHEET = 0.2  # m, its side
+_PLACE = 0.026, 0.014  # m, of the contact
 _SECONDS = 1.0  # for all set-ups, and for all frames
 
 
@@ -26,37 +27,35 @@ def measure(tick: Callable[[float], None]) -> dict:
     `tick` is told which fraction is done. Durations in s, all measured in turn, memory in bytes;
     exponents count electrodes n^2 and pixels m^2.
     """
-    sizes = [(n, _DEFAULT[1]) for n in ELECTRODES] + [(_DEFAULT[0], m) for m in RESOLUTIONS]
-    sizes = list(dict.fromkeys(sizes))
-    makers, frames, memories = {}, {}, {}
-    for size in sizes:
-        makers[size] = _maker(*size)
-        pipeline, memories[size] = timing.memory(makers[size])
-        frames[size] = _frame(pipeline)
+    pipelines: dict = {}
+    frames: dict = {}
+    memories: dict = {}
+    groups = {
+        "electrodes": [(n, _DEFAULT[1]) for n in ELECTRODES],
+        "pixels": [(_DEFAULT[0], m) for m in RESOLUTIONS],
+    }
+    sizes = list(dict.fromkeys(size for group in groups.values() for size in group))
+    for side, resolution in sizes:
+        layout = equal_grid(side, side, (_SHEET, _SHEET), 0.1 * _SHEET / side, 1e4)
+        make = partial(make_pipeline, layout, "fast", resolution=resolution)
+        pipeline, memories[side, resolution] = timing.memory(make)
+        (frame,) = record(layout, make_scene(), [np.array([_PLACE])]).frames
+        pipelines[side, resolution] = [partial(timing.afresh, make)]
+        frames[side, resolution] = [partial(pipeline.process, frame, layout.grounded, DRIVE)]
         tick(len(frames) / len(sizes))
-    setups = timing.in_turn(
-        {size: [partial(timing.afresh, make)] for size, make in makers.items()},
-        least=3,
-        seconds=_SECONDS,
-        warm=False,
-    )
-    frames = timing.in_turn(
-        {size: [call] for size, call in frames.items()}, least=20, seconds=_SECONDS, turn=0.01
-    )
+    setups = timing.in_turn(pipelines, least=3, seconds=_SECONDS, warm=False)
+    times = timing.in_turn(frames, least=20, seconds=_SECONDS, turn=0.01)
     points = {
         size: {
             "electrodes": size[0] ** 2,
             "pixels": size[1] ** 2,
             "setup": timing.undisturbed(setups[size]),
-            "frame": timing.undisturbed(frames[size]),
+            "frame": timing.undisturbed(times[size]),
             "memory": memories[size],
         }
         for size in sizes
     }
-    return {
-        "electrodes": _fitted("electrodes", [points[n, _DEFAULT[1]] for n in ELECTRODES]),
-        "pixels": _fitted("pixels", [points[_DEFAULT[0], m] for m in RESOLUTIONS]),
-    }
+    return {by: _fitted(by, [points[size] for size in group]) for by, group in groups.items()}
 
 
 def exponent(sizes, values) -> float:
@@ -66,19 +65,5 @@ def exponent(sizes, values) -> float:
 
 def _fitted(by, points):
     sizes = [point[by] for point in points]
-    powers = {key: exponent(sizes, [point[key] for point in points]) for key in QUANTITIES}
-    return {"points": points, "exponents": powers}
-
-
-def _maker(side, resolution):
-    layout = find_layout(f"equal-{side}x{side}")
-    return lambda: make_pipeline(layout, "fast", resolution=resolution)
-
-
-def _frame(pipeline):
-    """A function that reconstructs a frame of one contact."""
-    layout = pipeline.layout
-    place = np.array(layout.outline.size) * _PLACE
-    (frame,) = record(layout, make_scene(), [place[None]]).frames
-    everything = np.arange(layout.electrodes)
-    return lambda: pipeline.process(frame, everything, DRIVE)
+    values = {words: [point[key] for point in points] for words, key in QUANTITIES.items()}
+    return {"points": points, "exponents": {w: exponent(sizes, v) for w, v in values.items()}}

@@ -8,16 +8,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from zlib import crc32
 
 import numpy as np
 import shapely
 
-from tomotactile_ros.bench.cases import find_layout
 from tomotactile_ros.bench.reference_mesh import Ellipse, Shape, disc
 from tomotactile_ros.bench.trials import LAW
-from tomotactile_ros.layouts.layout import Layout, equal_grid
+from tomotactile_ros.layouts.layout import Layout, equal_grid, load_layout
 from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.layouts.region import Region, regular_polygon
 from tomotactile_ros.scenes.sheet_field import Anisotropy, Gradient, SheetField, SheetVariation
@@ -117,7 +117,7 @@ def _turned(points, degrees):
 
 def void() -> Layout:
     """8 x 8 without its four central electrodes."""
-    grid = find_layout("equal-8x8")
+    grid = load_layout("equal-8x8")
     kept = np.setdiff1d(np.arange(64), [27, 28, 35, 36])
     return Layout("void-60", grid.outline, RESISTANCE, grid.radius, grid.positions[kept])
 
@@ -125,12 +125,8 @@ def void() -> Layout:
 def random_places() -> Layout:
     """40 electrodes at random places, 18 mm apart at least."""
     random = np.random.default_rng(40)
-    places: list[np.ndarray] = []
-    while len(places) < 40:
-        place = (random.random(2) - 0.5) * 0.19
-        if all(np.linalg.norm(place - other) > 0.018 for other in places):
-            places.append(place)
-    return Layout("random-40", Outline.rectangle(SIDE, SIDE), RESISTANCE, 0.0025, np.array(places))
+    places = apart(lambda: (random.random(2) - 0.5) * 0.19, 40, 0.018)
+    return Layout("random-40", Outline.rectangle(SIDE, SIDE), RESISTANCE, 0.0025, places)
 
 
 def l_shape() -> Layout:
@@ -153,6 +149,16 @@ def ring() -> Layout:
 # -- contacts -----------------------------------------------------------------------------------
 
 
+def apart(draw: Callable[[], np.ndarray], count: int, distance: float) -> np.ndarray:
+    """(count, 2) places that are drawn, each farther than `distance`, m, from those before."""
+    found: list[np.ndarray] = []
+    while len(found) < count:
+        place = draw()
+        if all(np.linalg.norm(place - other) > distance for other in found):
+            found.append(place)
+    return np.array(found)
+
+
 def _anywhere(random, outline: Outline, clearance: float, reach: float = 1.0) -> np.ndarray:
     """(2,) a place on the sheet, `clearance` (m) from its rim, within `reach` of its half size."""
     while True:
@@ -167,51 +173,28 @@ def _pressed(shape, words, random, least=5e3, most=5e4) -> Press:
     return Press(shape, words, float(least * (most / least) ** random.random()))
 
 
-def textbook_states(layout, random, count, case="textbook", sheet=0, reach=1.0) -> list[State]:
+def textbook_states(layout, random, count, case="textbook", reach=1.0) -> list[State]:
     """Discs of 4 to 12 mm, 5 to 50 kPa, anywhere on the sheet."""
     states = []
     for _ in range(count):
         radius = 0.004 + 0.008 * random.random()
         place = _anywhere(random, layout.outline, radius + 1e-4, reach)
-        states.append(State(case, [_pressed(disc(place, radius), "disc", random)], sheet))
+        states.append(State(case, [_pressed(disc(place, radius), "disc", random)]))
     return states
-
-
-def uneven_sheets() -> list[Sheet]:
-    """Random fields of 10 and 20 %, gradients of +-20 %, anisotropy of 1.5 : 1."""
-    sheets = [
-        Sheet(f"random {relative:.0%}", variation=SheetVariation(relative, _LENGTH, seed))
-        for relative in (0.1, 0.2)
-        for seed in (1, 2, 3)
-    ]
-    sheets += [
-        Sheet("gradient 20%", SheetField(gradient=Gradient(0.2, direction)))
-        for direction in (0.0, 120.0)
-    ]
-    sheets += [
-        Sheet("anisotropy 1.5", SheetField(anisotropy=Anisotropy(1.5, direction)))
-        for direction in (0.0, 30.0, 45.0, 90.0)
-    ]
-    return sheets
 
 
 def crowd_states(layout, random, count) -> list[State]:
     """3 to 6 discs of 4 to 10 mm, 25 mm apart at least, the strongest ten times the weakest."""
     states = []
-    for number in (3, 4, 5, 6):
-        for _ in range(count):
-            places: list[np.ndarray] = []
-            presses = []
-            while len(places) < number:
-                place = _anywhere(random, layout.outline, 0.011)
-                if all(np.linalg.norm(place - other) > 0.025 for other in places):
-                    places.append(place)
-            forces = 0.5 * 10 ** np.concatenate([[0, 1], random.random(number - 2)])
-            for place, force in zip(places, forces):
-                radius = 0.004 + 0.006 * random.random()
-                pressure = float(force / (math.pi * radius**2))
-                presses.append(Press(disc(place, radius), "disc", pressure))
-            states.append(State(f"{number} contacts", presses))
+    for number in np.repeat((3, 4, 5, 6), count):
+        places = apart(lambda: _anywhere(random, layout.outline, 0.011), number, 0.025)
+        forces = 0.5 * 10 ** np.concatenate([[0, 1], random.random(number - 2)])
+        presses = []
+        for place, force in zip(places, forces):
+            radius = 0.004 + 0.006 * random.random()
+            pressure = float(force / (math.pi * radius**2))
+            presses.append(Press(disc(place, radius), "disc", pressure))
+        states.append(State(f"{number} contacts", presses))
     return states
 
 
@@ -234,18 +217,17 @@ def beside_states(layout, random, count) -> list[State]:
 def pair_states(layout, random, distances, count) -> list[State]:
     """Two discs of 5 mm, 20 kPa, at each of the `distances`, m."""
     states = []
-    for distance in distances:
-        for _ in range(count):
-            while True:
-                middle = _anywhere(random, layout.outline, 0.01)
-                angle = math.pi * random.random()
-                way = distance / 2 * np.array([math.cos(angle), math.sin(angle)])
-                places = np.array([middle + way, middle - way])
-                inside = layout.outline.contains(places)
-                if inside.all() and layout.outline.rim_distance(places).min() > 0.006:
-                    break
-            presses = [Press(disc(place, 0.005), "disc", 2e4) for place in places]
-            states.append(State(f"{1e3 * distance:g} mm apart", presses))
+    for distance in np.repeat(distances, count):
+        while True:
+            middle = _anywhere(random, layout.outline, 0.01)
+            angle = math.pi * random.random()
+            way = distance / 2 * np.array([math.cos(angle), math.sin(angle)])
+            places = np.array([middle + way, middle - way])
+            inside = layout.outline.contains(places)
+            if inside.all() and layout.outline.rim_distance(places).min() > 0.006:
+                break
+        presses = [Press(disc(place, 0.005), "disc", 2e4) for place in places]
+        states.append(State(f"{1e3 * distance:g} mm apart", presses))
     return states
 
 
@@ -256,10 +238,9 @@ def wide_states(layout, random, count) -> list[State]:
     def add(case, shape, words=None):
         states.append(State(case, [_pressed(shape, words or case, random, 5e3, 2e4)]))
 
-    for radius in (0.015, 0.02, 0.03, 0.04):
-        for _ in range(count):
-            place = _anywhere(random, layout.outline, radius + 1e-4)
-            add(f"disc of {1e3 * radius:g} mm", disc(place, radius), "disc")
+    for radius in np.repeat((0.015, 0.02, 0.03, 0.04), count):
+        place = _anywhere(random, layout.outline, radius + 1e-4)
+        add(f"disc of {1e3 * radius:g} mm", disc(place, radius), "disc")
     for _ in range(count):
         add("rectangle 80 x 50", _rectangle(random, layout, 0.08, 0.05))
         add("line 100 x 5", _rectangle(random, layout, 0.1, 0.005))
@@ -271,8 +252,7 @@ def wide_states(layout, random, count) -> list[State]:
         states.append(_hand(random))
     for side in (0.06, 0.08, 0.1, 0.14):
         for force in 20.0 * 20.0 ** (np.arange(count) / max(count - 1, 1)):
-            shape = _rectangle(random, layout, side, side)
-            press = Press(shape, "plate", float(force / side**2))
+            press = Press(_rectangle(random, layout, side, side), "plate", float(force / side**2))
             states.append(State(f"plate of {1e3 * side:g} mm", [press]))
     everything = Region(2 * layout.outline.shell)
     for force in (20.0, 50.0, 100.0, 200.0, 400.0):
@@ -306,57 +286,54 @@ def _hand(random) -> State:
     return State("hand", presses)
 
 
-def worn_sheets() -> list[Sheet]:
-    """A random field of 20 %, anisotropy of 1.5 : 1, and both."""
-    uneven, turned = SheetVariation(0.2, _LENGTH, 11), SheetField(anisotropy=Anisotropy(1.5, 30.0))
-    return [
-        Sheet("random 20%", variation=uneven),
-        Sheet("anisotropy 1.5", turned),
-        Sheet("both", turned, uneven),
-    ]
+# -- sheets and families ------------------------------------------------------------------------
+
+EVEN = [Sheet()]
+UNEVEN = [
+    *(
+        Sheet(f"random {relative:.0%}", variation=SheetVariation(relative, _LENGTH, seed))
+        for relative in (0.1, 0.2)
+        for seed in (1, 2, 3)
+    ),
+    *(Sheet("gradient 20%", SheetField(gradient=Gradient(0.2, to))) for to in (0.0, 120.0)),
+    *(
+        Sheet("anisotropy 1.5", SheetField(anisotropy=Anisotropy(1.5, to)))
+        for to in (0.0, 30.0, 45.0, 90.0)
+    ),
+]
+_ROUGH, _TURNED = SheetVariation(0.2, _LENGTH, 11), SheetField(anisotropy=Anisotropy(1.5, 30.0))
+WORN = [
+    Sheet("random 20%", variation=_ROUGH),
+    Sheet("anisotropy 1.5", _TURNED),
+    Sheet("both", _TURNED, _ROUGH),
+]
+_DISTANCES = 0.016, 0.02, 0.024, 0.028, 0.034, 0.04
+_LARGE, _SMALL = partial(load_layout, "equal-8x8"), partial(load_layout, "equal-4x4")
+FAMILIES: dict[str, tuple] = {  # layout, sheets, states of each sheet, and how many, in this order
+    "textbook-8x8": (_LARGE, EVEN, textbook_states, 120),
+    "sheets-8x8": (_LARGE, UNEVEN, textbook_states, 10),
+    "crowd-8x8": (_LARGE, EVEN, crowd_states, 10),
+    "pairs-8x8": (_LARGE, EVEN, pair_states, _DISTANCES, 5),
+    "wide-8x8": (_LARGE, EVEN, wide_states, 5),
+    "beside-8x8": (_LARGE, EVEN, beside_states, 12),
+    "textbook-4x4": (_SMALL, EVEN, textbook_states, 60),
+    "crowd-4x4": (_SMALL, EVEN, crowd_states, 6),
+    "layout-void-60": (void, EVEN, textbook_states, 24),
+    "layout-random-40": (random_places, EVEN, textbook_states, 24),
+    "layout-l-shape-48": (l_shape, EVEN, textbook_states, 24),
+    "layout-rim-16": (ring, EVEN, textbook_states, 24, "textbook", 0.6),
+    "learning-8x8": (_LARGE, WORN, textbook_states, 46),
+    "learning-4x4": (_SMALL, WORN[2:], textbook_states, 76),
+    "learning-rim-16": (ring, WORN[2:], textbook_states, 76, "textbook", 0.6),
+}
 
 
-def families() -> dict[str, Callable[[], Family]]:
-    """Makers of all families by name, in the order in which they are made."""
-    large, small = find_layout("equal-8x8"), find_layout("equal-4x4")
-
-    def textbook(layout, count, sheets=(Sheet(),), reach=1.0):
-        """`count` states on each of the sheets, which give them the name of their case."""
-
-        def made(random):
-            states = []
-            for number, sheet in enumerate(sheets):
-                case = "textbook" if sheet.words == "even" else sheet.words
-                states += textbook_states(layout, random, count, case, number, reach)
-            return layout, states, list(sheets)
-
-        return made
-
-    distances = [0.016, 0.02, 0.024, 0.028, 0.034, 0.04]
-    makers = {
-        "textbook-8x8": textbook(large, 120),
-        "sheets-8x8": textbook(large, 10, uneven_sheets()),
-        "crowd-8x8": lambda random: (large, crowd_states(large, random, 10)),
-        "pairs-8x8": lambda random: (large, pair_states(large, random, distances, 5)),
-        "wide-8x8": lambda random: (large, wide_states(large, random, 5)),
-        "beside-8x8": lambda random: (large, beside_states(large, random, 12)),
-        "textbook-4x4": textbook(small, 60),
-        "crowd-4x4": lambda random: (small, crowd_states(small, random, 6)),
-        **{
-            f"layout-{each.name}": textbook(each, 24)
-            for each in (void(), random_places(), l_shape())
-        },
-        "layout-rim-16": textbook(ring(), 24, reach=0.6),
-        "learning-8x8": textbook(large, 46, worn_sheets()),
-        "learning-4x4": textbook(small, 76, worn_sheets()[2:]),
-        "learning-rim-16": textbook(ring(), 76, worn_sheets()[2:], 0.6),
-    }
-
-    def seeded(name, make):
-        def made():
-            layout, states, *sheets = make(np.random.default_rng(crc32(name.encode())))
-            return Family(layout, states, *sheets)
-
-        return made
-
-    return {name: seeded(name, make) for name, make in makers.items()}
+def family(name: str) -> Family:
+    """One of `FAMILIES`, seeded; states on uneven sheets are cases of the names of these."""
+    make_layout, sheets, make, *given = FAMILIES[name]
+    layout, random, states = make_layout(), np.random.default_rng(crc32(name.encode())), []
+    for number, sheet in enumerate(sheets):
+        for state in make(layout, random, *given):
+            case = state.case if sheets is EVEN else sheet.words
+            states.append(replace(state, case=case, sheet=number))
+    return Family(layout, states, sheets)

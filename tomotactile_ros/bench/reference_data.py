@@ -20,8 +20,7 @@ import numpy as np
 
 from tomotactile_ros.bench.reference import ReferenceSheet
 from tomotactile_ros.bench.reference_cases import Family, truth
-from tomotactile_ros.layouts.layout import Layout
-from tomotactile_ros.layouts.outline import Outline
+from tomotactile_ros.layouts.layout import FORMAT, Layout, load_layout
 from tomotactile_ros.scenes.sheet_field import conductance_of
 from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.support.files import shared_folders, write_atomic
@@ -48,62 +47,34 @@ def make(family: Family, path: str | os.PathLike, h: float | None = None) -> Non
 
 def write(path: str | os.PathLike, layout: Layout, arrays: dict, texts: dict) -> None:
     """Write arrays and what JSON says; an existing file is replaced whole or not at all."""
-    words = {
-        "name": layout.name,
-        "outline": layout.outline.to_dict(),
-        "sheet_resistance": layout.sheet_resistance,
-        "radius": layout.radius,
-        "positions": layout.positions,
-    }
-    texts = {
-        key: np.array(json.dumps(plain(value)))
-        for key, value in (texts | {"layout": words}).items()
-    }
+    keys = "name", "sheet_resistance", "radius", "positions"
+    words = {key: getattr(layout, key) for key in keys} | {"outline": layout.outline.to_dict()}
+    every = texts | {"layout": words}
+    texts = {key: np.array(json.dumps(plain(value))) for key, value in every.items()}
     file = io.BytesIO()
     np.savez_compressed(file, **arrays, **texts)
     write_atomic(path, file.getvalue())
 
 
 def read(
-    path: str | os.PathLike, arrays: Sequence[str], texts: Sequence[str]
+    name: str | os.PathLike, arrays: Sequence[str], texts: Sequence[str], folder: Path = FOLDER
 ) -> tuple[Layout, dict]:
-    """The layout, and what is in a file by `write` under these keys."""
+    """The layout, and what is under these keys in a file by `write`, by its path or by its name in
+    a shared `folder`."""
+    folders = [each / folder for each in shared_folders()]
+    paths = [Path(name), *(each / f"{os.fspath(name)}.npz" for each in folders)]
+    path = next((each for each in paths if each.is_file()), None)
+    if path is None:
+        known = sorted({each.stem for folder in folders for each in folder.glob("*.npz")})
+        raise InputError(
+            f"{name}: no such file of reference data, and none of {', '.join(known) or '-'}"
+        )
     try:
         with np.load(path, allow_pickle=False) as file:
             found = {key: file[key] for key in arrays}
             found |= {key: json.loads(str(file[key])) for key in (*texts, "layout")}
     except (OSError, ValueError, KeyError) as error:
         raise InputError(f"{path}: is not a file of reference data: {error}") from None
-    return _layout(found.pop("layout")), found
-
-
-def names(folder: Path = FOLDER) -> list[str]:
-    """Files of data in a shared `folder`: of families, if not said otherwise."""
-    return sorted(
-        {path.stem for each in shared_folders() for path in (each / folder).glob("*.npz")}
-    )
-
-
-def find(name: str | os.PathLike, folder: Path = FOLDER) -> Path:
-    """A file of data by its path or by its name in a shared `folder`."""
-    named = [each / folder / f"{os.fspath(name)}.npz" for each in shared_folders()]
-    for path in (Path(name), *named):
-        if path.is_file():
-            return path
-    raise InputError(
-        f"{name}: no such file of reference data, and none of {', '.join(names(folder)) or '-'}"
-    )
-
-
-def _layout(content) -> Layout:
-    outline = dict(content["outline"])
-    holes = outline.pop("holes", ())
-    [(kind, form)] = outline.items()
-    sizes = form if kind == "rectangle" else [form]
-    return Layout(
-        content["name"],
-        getattr(Outline, kind)(*sizes, holes=holes),
-        content["sheet_resistance"],
-        content["radius"],
-        np.array(content["positions"]),
-    )
+    words = found.pop("layout")
+    electrodes = {key: words.pop(key) for key in ("radius", "positions")}
+    return load_layout(path, {"format": FORMAT, **words, "electrodes": electrodes}), found

@@ -17,6 +17,7 @@ from itertools import chain, pairwise
 import numpy as np
 
 from tomotactile_ros.layouts.layout import Layout
+from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.layouts.region import Region
 from tomotactile_ros.support.errors import InputError
 
@@ -81,7 +82,7 @@ def make_mesh(
     """
     with _gmsh() as gmsh:
         occ = gmsh.model.occ
-        sheet = _outline(occ, layout.outline)
+        sheet = _surface(occ, layout.outline)
         discs = [(2, occ.addDisk(x, y, 0, *2 * [layout.radius])) for x, y in layout.positions]
         contacts = [(2, _surface(occ, shape)) for shape in shapes]
         cuts = [[(1, tag) for tag in _polyline(occ, points)] for points, _ in lines]
@@ -135,25 +136,20 @@ def _gmsh():
         gmsh.finalize()
 
 
-def _outline(occ, outline) -> int:
-    if outline.kind == "circle":
-        sheet = occ.addDisk(0, 0, 0, outline.radius, outline.radius)
-        holes = [(2, _polygon(occ, hole)) for hole in outline.holes]
-        return occ.cut([(2, sheet)], holes)[0][0][1] if holes else sheet
-    return _surface(occ, outline)
-
-
 def _surface(occ, shape: Shape) -> int:
     """Tag of a surface with the rim of `shape`."""
-    if isinstance(shape, Region):
+    if isinstance(shape, Ellipse):
+        (x, y), (a, b) = shape.center, shape.semi_axes
+        angle = math.radians(shape.angle)
+        if b > a:  # Gmsh takes the longer one first
+            a, b, angle = b, a, angle + math.pi / 2
+        return occ.addDisk(x, y, 0, a, b, xAxis=[math.cos(angle), math.sin(angle), 0])
+    if isinstance(shape, Outline) and shape.kind == "circle":
+        sheet = occ.addDisk(0, 0, 0, shape.radius, shape.radius)
+    else:
         sheet = _polygon(occ, shape.shell)
-        holes = [(2, _polygon(occ, hole)) for hole in shape.holes]
-        return occ.cut([(2, sheet)], holes)[0][0][1] if holes else sheet
-    (x, y), (a, b) = shape.center, shape.semi_axes
-    angle = math.radians(shape.angle)
-    if b > a:  # Gmsh takes the longer one first
-        a, b, angle = b, a, angle + math.pi / 2
-    return occ.addDisk(x, y, 0, a, b, xAxis=[math.cos(angle), math.sin(angle), 0])
+    holes = [(2, _polygon(occ, hole)) for hole in shape.holes]
+    return occ.cut([(2, sheet)], holes)[0][0][1] if holes else sheet
 
 
 def _polygon(occ, corners) -> int:

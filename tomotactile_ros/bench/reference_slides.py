@@ -21,11 +21,10 @@ from zlib import crc32
 import numpy as np
 
 from tomotactile_ros.bench import reference_data
-from tomotactile_ros.bench.cases import find_layout
 from tomotactile_ros.bench.reference import Admittance, ReferenceSheet, reference_frame
 from tomotactile_ros.bench.reference_cases import Press, truth
 from tomotactile_ros.bench.reference_mesh import Ellipse, disc
-from tomotactile_ros.layouts.layout import Layout
+from tomotactile_ros.layouts.layout import Layout, load_layout
 from tomotactile_ros.simulation import ROW_PERIOD
 
 FOLDER = reference_data.FOLDER / "slides"
@@ -64,21 +63,21 @@ class SlideData:
 
 def slides(name: str) -> tuple[Layout, list[Slide]]:
     """The slides of an installed layout, seeded: wholly on the sheet at the highest speed."""
-    layout = find_layout(name)
+    layout = load_layout(name)
     random = np.random.default_rng(crc32(f"slides {name}".encode()))
     longest = max(SPEEDS) * ROW_PERIOD * (SCANS * layout.electrodes - 1)
     ways = np.linspace(0, longest, 16)[:, None]
     made: list[Slide] = []
+    outline = layout.outline
     while len(made) < COUNT:
         radius, pressure = random.uniform(*_RADII), random.uniform(*_PRESSURES)
-        start = (random.random(2) - 0.5) * layout.outline.size
+        start = (random.random(2) - 0.5) * outline.size
         angle = random.uniform(0, 2 * np.pi)
         direction = np.array([np.cos(angle), np.sin(angle)])
         path = start + ways * direction
-        outline = layout.outline
         if (outline.contains(path) & (outline.rim_distance(path) > radius)).all():
             press = Press(disc(start, radius), "disc", pressure)
-            made.append(Slide(press, (float(direction[0]), float(direction[1]))))
+            made.append(Slide(press, tuple(direction.tolist())))
     return layout, made
 
 
@@ -107,17 +106,18 @@ def make(
     layout, made = slides(name)
     made = made[:most]
     rows = np.array([solve(layout, slide, h) for slide in made])
-    described = [
-        {"direction": list(slide.direction), "contact": truth(slide.press, layout.outline)}
-        for slide in made
-    ]
-    how = {"model": "reference", "row_period": ROW_PERIOD}
-    texts = {"slides": described, "speeds": list(SPEEDS), "made": how}
+    texts = {
+        "slides": [
+            {"direction": list(slide.direction), "contact": truth(slide.press, layout.outline)}
+            for slide in made
+        ],
+        "speeds": list(SPEEDS),
+        "made": {"model": "reference", "row_period": ROW_PERIOD},
+    }
     reference_data.write(path, layout, {"rows": rows}, texts)
 
 
 def load(name: str | os.PathLike) -> SlideData:
     """Read the slides of an installed layout by its name, or by the path of their file."""
-    path = reference_data.find(name, FOLDER)
-    layout, content = reference_data.read(path, ("rows",), ("slides", "speeds", "made"))
+    layout, content = reference_data.read(name, ("rows",), ("slides", "speeds", "made"), FOLDER)
     return SlideData(layout, **content)

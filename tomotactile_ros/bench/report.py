@@ -1,15 +1,31 @@
-"""A result as text for the terminal."""
+"""A result as text: for the terminal, and the measured table of profiles in a document, rewritten
+between two comments."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from math import inf
+from pathlib import Path
 
 from tomotactile_ros.bench import tables
 from tomotactile_ros.bench.accuracy import SENSORS
-from tomotactile_ros.bench.cases import PROFILES
+from tomotactile_ros.bench.cases import PROFILES, is_default
 from tomotactile_ros.bench.extremes import BEYOND
 from tomotactile_ros.bench.sensor import tables as sensor
+from tomotactile_ros.support.errors import InputError
+from tomotactile_ros.support.files import write_atomic
+
+_BEGIN, _END = "<!-- bench:profiles -->", "<!-- /bench:profiles -->"
+
+DEADLINES = (
+    *("sensor", "deadline ms", "OSPA mm", "ghosts", "missed", "force %"),
+    *("withheld", "complete", "median ms", "worst ms"),
+)
+PEERS = (
+    *("what", "set-up s", "frame ms", "spread ms", "OSPA mm", "worn"),
+    *("HWHM mm", "PE mm", "p95", "blur mm"),
+)
+COSTS = "electrodes", "pixels", "set-up s", "frame ms", "MB"
 
 
 def lines(result: dict, width: float = inf) -> Iterator[str]:
@@ -22,34 +38,30 @@ def lines(result: dict, width: float = inf) -> Iterator[str]:
     threads = (f"{name}={value or '-'}" for name, value in machine["threads"].items())
     seconds = sum(result["seconds"].values())
     yield f"threads: {', '.join(threads)}; {seconds:.0f} s, {result['peak_memory'] / 1e6:.0f} MB"
-    yield ""
-    yield "Speed and accuracy"
+    yield from ("", "Speed and accuracy")
     rows = [(row["layout"], row["profile"], *tables.trade_cells(row)) for row in result["trade"]]
     yield from tables.text(("layout", "profile", *tables.TRADE), rows, width, fixed=2)
-    yield tables.LEGEND
-    yield ""
+    yield from (tables.LEGEND, "")
     yield "What time buys: frames that follow one another, profile auto"
-    header = (
-        *("sensor", "deadline ms", "OSPA mm", "ghosts", "missed", "force %"),
-        *("withheld", "complete", "median ms", "worst ms"),
-    )
-    yield from tables.text(header, map(_deadline, result["deadlines"]), width)
-    yield ""
-    yield "The sensor as it is, 40 x 40 pixels"
-    measured = {part: rows for part, rows in result["sensor"].items() if "skipped" not in rows}
-    yield from sensor.text(measured, width)
-    yield from dict.fromkeys(
-        rows["skipped"] for rows in result["sensor"].values() if "skipped" in rows
-    )
-    yield ""
+    yield from tables.text(DEADLINES, map(_deadline, result["deadlines"]), width)
+    yield from ("", "The sensor as it is, 40 x 40 pixels")
+    skipped = {
+        rows["skipped"]: part for part, rows in result["sensor"].items() if "skipped" in rows
+    }
+    measured = {p: rows for p, rows in result["sensor"].items() if p not in skipped.values()}
+    yield from (*sensor.text(measured, width), *skipped, "")
     yield "Peers on the same problem: 8 x 8 electrodes, 40 x 40 pixels"
-    yield from _peers(result["peers"])
-    yield ""
-    yield "Growth of cost, profile fast: exponents of electrodes and pixels"
-    yield from _growth(result["growth"])
-    yield ""
-    yield "Stability"
-    yield from stability_lines(result["stability"], width)
+    found = result["peers"]["problem"]
+    skipped = {name: each["skipped"] for name, each in found.items() if "skipped" in each}
+    yield from tables.text(PEERS, (_peer(n, each) for n, each in found.items() if n not in skipped))
+    yield from skipped.values()
+    yield from (f"{name}: {ratio:.3g}" for name, ratio in result["peers"]["ratios"].items())
+    yield from ("", "Growth of cost, profile fast: exponents of electrodes and pixels")
+    for by, found in result["growth"].items():
+        yield from tables.text(COSTS, map(_cost, found["points"]))
+        powers = (f"{name} n^{value:.2f}" for name, value in found["exponents"].items())
+        yield f"with n {by}: {', '.join(powers)}"
+    yield from ("", "Stability", *stability_lines(result["stability"], width))
 
 
 def stability_lines(rows: list[dict], width: float = inf) -> Iterator[str]:
@@ -63,66 +75,37 @@ def stability_lines(rows: list[dict], width: float = inf) -> Iterator[str]:
 
 
 def _deadline(row):
-    force = "-" if row["force"] is None else f"{100 * row['force']:.1f}"
-    counts = f"{row['withheld']} of {row['frames']}", f"{row['complete']} of {row['frames']}"
-    times = (tables.milliseconds(row[key]) for key in ("median", "worst"))
-    place = f"{1e3 * row['ospa']:.2f}", str(row["ghosts"]), str(row["missed"]), force
-    return row["sensor"], tables.milliseconds(row["deadline"]), *place, *counts, *times
-
-
-def _peers(peers):
-    problem = peers["problem"]
-    header = (
-        "what",
-        "set-up s",
-        "frame ms",
-        "spread ms",
-        "OSPA mm",
-        "worn",
-        "HWHM mm",
-        "PE mm",
-        "p95",
-        "blur mm",
+    counts = (f"{row[key]} of {row['frames']}" for key in ("withheld", "complete"))
+    return (
+        row["sensor"],
+        tables.milliseconds(row["deadline"]),
+        *(f"{1e3 * row['ospa']:.2f}", str(row["ghosts"]), str(row["missed"])),
+        tables.number(row["force"], 100, ".1f"),
+        *counts,
+        *(tables.milliseconds(row[key]) for key in ("median", "worst")),
     )
-    measured = ((name, found) for name, found in problem.items() if "skipped" not in found)
-    yield from tables.text(header, (_peer(*each) for each in measured))
-    yield from (found["skipped"] for found in problem.values() if "skipped" in found)
-    yield from (f"{name}: {ratio:.3g}" for name, ratio in peers["ratios"].items())
 
 
 def _peer(name, found):
-    hwhm, error, blur = (found.get(key, {}) for key in ("hwhm", "position_error", "blur"))
+    merits = (
+        ("hwhm", "mean"),
+        ("position_error", "mean"),
+        ("position_error", "p95"),
+        ("blur", "mean"),
+    )
     return (
         name,
-        f"{found['setup']:.2f}" if "setup" in found else "-",
-        tables.milliseconds(found["frame"]["median"]),
-        tables.milliseconds(found["frame"]["spread"]),
-        *(tables.hundredths(found.get("ospa", {}).get(sensor)) for sensor in SENSORS),
-        tables.millimetres(hwhm.get("mean")),
-        tables.millimetres(error.get("mean")),
-        tables.millimetres(error.get("p95")),
-        tables.millimetres(blur.get("mean")),
+        tables.number(found.get("setup"), 1, ".2f"),
+        *(tables.milliseconds(found["frame"][key]) for key in ("median", "spread")),
+        *(tables.number(found.get("ospa", {}).get(each), 1e3, ".2f") for each in SENSORS),
+        *(tables.number(found.get(key, {}).get(which), 1e3, ".1f") for key, which in merits),
     )
-
-
-def _growth(growth):
-    header = ("electrodes", "pixels", "set-up s", "frame ms", "MB")
-    for by, found in growth.items():
-        yield from tables.text(header, map(_cost, found["points"]))
-        powers = (
-            f"{name} n^{found['exponents'][key]:.2f}"
-            for key, name in (("setup", "set-up"), ("frame", "frame"), ("memory", "memory"))
-        )
-        yield f"with n {by}: {', '.join(powers)}"
 
 
 def _cost(point):
     return (
-        str(point["electrodes"]),
-        str(point["pixels"]),
-        f"{point['setup']:.3f}",
-        tables.milliseconds(point["frame"]),
-        tables.megabytes(point["memory"]),
+        *(str(point["electrodes"]), str(point["pixels"]), f"{point['setup']:.3f}"),
+        *(tables.milliseconds(point["frame"]), f"{point['memory'] / 1e6:.3g}"),
     )
 
 
@@ -159,3 +142,34 @@ def _beyond(rows):
 def _mark(off):
     """A value beyond the deviations that were stated with it looks right and is not."""
     return "" if off is None or off <= BEYOND else f" !{off:.0f}"
+
+
+def rewrite(path: str | Path, result: dict) -> None:
+    """Fill the file at `path` between `_BEGIN` and `_END` with the profiles on 8 x 8 electrodes and
+    40 x 40 pixels, and what measured them. Raises InputError as `check` does."""
+    before, after = check(path)
+    rows = filter(is_default, result["trade"])
+    cells = [(f"`{row['profile']}`", *tables.trade_cells(row)) for row in rows]
+    machine = result["machine"]
+    said = (
+        "8 × 8 electrodes on 200 mm × 200 mm, 40 × 40 pixels, contacts of 5 mm radius, "
+        "1 mV of noise, 12 bits; the worn sensor is that of the scene `worn-sensor`; OSPA: places, "
+        "ghosts and missed contacts of single ones and pairs in one figure; one thread of "
+        f"{machine['processor']}, Python {machine['python']}, "
+        f"numpy {machine['libraries']['numpy']}, {machine['date']}."
+    )
+    table = tables.markdown(("profile", *tables.TRADE), cells)
+    text = "\n".join([f"{before}{_BEGIN}", *table, "", said, f"{_END}{after}"])
+    write_atomic(path, text.encode())
+
+
+def check(path: str | Path) -> tuple[str, str]:
+    """What is before and behind; InputError where the file at `path` is no text, or lacks a comment."""
+    try:
+        before, begin, rest = Path(path).read_text(encoding="utf-8").partition(_BEGIN)
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: is not a text file in UTF-8") from None
+    _, end, after = rest.partition(_END)
+    if not begin or not end:
+        raise InputError(f"{path}: needs a line {_BEGIN} and below it {_END}")
+    return before, after

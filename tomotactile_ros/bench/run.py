@@ -1,27 +1,73 @@
-"""A whole benchmark: what `tomotactile bench` measures, in which order, with progress."""
+"""A whole benchmark: what `tomotactile bench` measures, in which order, with progress; and what of it
+has been measured, on disk: stopped, it goes on where it was."""
 
 from __future__ import annotations
 
+import hashlib
+import json
 import resource
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from tomotactile_ros.bench import deadlines, extremes, growth, machine, peers, trade
 from tomotactile_ros.bench.cases import CASES, DEFAULT_LAYOUT
 from tomotactile_ros.bench.sensor.parts import ON_DEMAND, PARTS
 from tomotactile_ros.bench.sensor.parts import measure as measure_sensor
-from tomotactile_ros.bench.store import Store
 from tomotactile_ros.bench.trade import EFFORT
 from tomotactile_ros.support.errors import InputError
+from tomotactile_ros.support.files import write_atomic
 from tomotactile_ros.support.progress import Progress
+from tomotactile_ros.support.yamlio import plain
 
-FORMAT = "tomotactile-bench/9"
+FORMAT = "tomotactile-bench/10"
 Tick = Callable[[float], None]
 SENSOR = tuple(name for name in PARTS if name not in ON_DEMAND)
 _EIGHTH, _THIRD = 8, 3  # of the presses of the sensor's parts, of the values of each extreme
+
+
+class Store:
+    """Parts of a benchmark by their names, kept in the file at `path`.
+
+    Parts of another machine or version of the code are forgotten.
+    """
+
+    def __init__(self, path: str | Path):
+        self.path = Path(path)
+        self._made_by = {"machine": machine.describe() | {"date": None}, "code": _code()}
+        self.parts: dict[str, Any] = self._load()
+
+    def add(self, name: str, found: Any) -> None:
+        """Keep a part, on disk too."""
+        self.parts[name] = plain(found)
+        self.save()
+
+    def save(self) -> None:
+        """Write the file; InputError where that is not possible."""
+        content = {"made by": self._made_by, "parts": self.parts}
+        write_atomic(self.path, json.dumps(content, allow_nan=False).encode())
+
+    def remove(self) -> None:
+        """Nothing is left on disk."""
+        self.path.unlink(missing_ok=True)
+
+    def _load(self):
+        try:
+            content = json.loads(self.path.read_text(encoding="utf-8"))
+            return content["parts"] if content["made by"] == self._made_by else {}
+        except (FileNotFoundError, ValueError, KeyError, TypeError):
+            return {}
+
+
+def _code() -> str:
+    """Digest of all modules of the package."""
+    digest = hashlib.sha256()
+    for path in sorted(Path(__file__).parents[1].rglob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
 
 
 @dataclass(frozen=True)
@@ -52,12 +98,12 @@ def measure(store: Store) -> dict:
             before += part.seconds
             tick(1.0)
     kept = {part.name: store.parts[part.name] for part in todo}
-    found = {name: part["found"] for name, part in kept.items()}
+    found = {name: each["found"] for name, each in kept.items()}
     return {
         "format": FORMAT,
         "machine": machine.describe(),
-        "seconds": {name: part["seconds"] for name, part in kept.items()},
-        "peak_memory": max(part["peak_memory"] for part in kept.values()),
+        "seconds": {name: each["seconds"] for name, each in kept.items()},
+        "peak_memory": max(each["peak_memory"] for each in kept.values()),
         "sensor": {name: found.pop(name) for name in SENSOR if name in found},
         **found,
     }

@@ -38,25 +38,13 @@ def markdown(header: Row, rows: Iterable[Row]) -> list[str]:
     return [f"| {' | '.join(row)} |" for row in (header, ["---"] * len(header), *rows)]
 
 
+def number(value: float | None, unit: float, form: str) -> str:
+    """In parts of 1 / `unit`, as 1e3 for ms and mm; a dash where there is none."""
+    return "-" if value is None else f"{unit * value:{form}}"
+
+
 def milliseconds(seconds: float | None) -> str:
-    return "-" if seconds is None else f"{1e3 * seconds:.3g}"
-
-
-def millimetres(metres: float | None) -> str:
-    return "-" if metres is None else f"{1e3 * metres:.1f}"
-
-
-def hundredths(metres: float | None) -> str:
-    """mm with two digits."""
-    return "-" if metres is None else f"{1e3 * metres:.2f}"
-
-
-def megabytes(count: float) -> str:
-    return f"{count / 1e6:.3g}"
-
-
-def percent(part: float | None) -> str:
-    return "-" if part is None else f"{100 * part:.0f}"
+    return number(seconds, 1e3, ".3g")
 
 
 TRADE = (
@@ -77,22 +65,26 @@ def trade_cells(row: dict) -> Row:
     trade = []
     for sensor, frame in row["frame"].items():
         median, p99 = (milliseconds(frame[key]) for key in ("median", "p99"))
-        trade += [f"{median} ms, {p99} ms", f"{hundredths(row['ospa'][sensor])} mm"]
+        trade += [f"{median} ms, {p99} ms", f"{_mm(row['ospa'][sensor])} mm"]
+    apart = row["two_contacts"]
+    one, two = (number(force[key]["mean"], 100, ".0f") for key in ("one", "two"))
     return (
         f"{row['setup']['median']:.2f} s",
-        f"{megabytes(row['memory'])} MB",
+        f"{number(row['memory'], 1e-6, '.3g')} MB",
         *trade,
-        f"{hundredths(error['mean'])} mm, {hundredths(error['p95'])} mm; "
-        + _false_ones(scores["textbook"]["one"]),
-        f"{hundredths(row['worn']['contact_error']['mean'])} mm; "
-        + _false_ones(scores["worn"]["one"]),
-        "-" if row["two_contacts"] is None else f"{millimetres(row['two_contacts'])} mm",
-        f"{percent(force['one']['mean'])} %, {percent(force['two']['mean'])} %",
-        f"{millimetres(row['hwhm']['mean'])} mm, "
-        + f"{millimetres(row['position_error']['mean'])} mm",
+        f"{_mm(error['mean'])} mm, {_mm(error['p95'])} mm; {_false_ones(scores['textbook'])}",
+        f"{_mm(row['worn']['contact_error']['mean'])} mm; {_false_ones(scores['worn'])}",
+        "-" if apart is None else f"{_mm(apart, 1)} mm",
+        f"{one} %, {two} %",
+        f"{_mm(row['hwhm']['mean'], 1)} mm, {_mm(row['position_error']['mean'], 1)} mm",
     )
 
 
-def _false_ones(score: dict) -> str:
-    """Ghosts and doubled contacts, and missed ones, of what `evaluation.scoring` says."""
-    return f"{score['ghosts'] + score['doubled']}, {score['missed']}"
+def _mm(metres, digits=2):
+    return number(metres, 1e3, f".{digits}f")
+
+
+def _false_ones(scores: dict) -> str:
+    """Ghosts and doubled contacts, and missed ones, of one contact (`evaluation.scoring`)."""
+    one = scores["one"]
+    return f"{one['ghosts'] + one['doubled']}, {one['missed']}"

@@ -30,15 +30,13 @@ def in_turn(
     seconds: float = 1.0,
     most: float = np.inf,
     turn: float = 0.0,
-    uncertainty: float = 0.02,
     warm: bool = True,
 ) -> dict[Any, Times]:
     """How long the calls of each key take; in every round each key has its turn.
 
     Parameters
     ----------
-    least : rounds at least; then until each call came thrice within `uncertainty` of its shortest
-        time, or until `seconds` are over
+    least : rounds at least; then until `seconds` are over
     most : s for one key; what takes longer has `_FEWEST` rounds
     turn : s; all calls of a key are made once in its turn, and again until this is over
     warm : the first call of a key is made once more before, and does not count: it finds the caches
@@ -47,9 +45,8 @@ def in_turn(
     out: dict[Any, Times] = {key: [] for key in calls}
     spent = dict.fromkeys(calls, 0.0)
     with _no_collection():
-        begin = time.perf_counter()
-        done = 0
-        while True:
+        begin, done = time.perf_counter(), 0
+        while done < least or time.perf_counter() - begin < seconds:
             done += 1
             for key, each in calls.items():
                 if spent[key] > most and done > _FEWEST:
@@ -59,9 +56,7 @@ def in_turn(
                     each[0]()
                 out[key].append(_one_turn(each, turn))
                 spent[key] += time.perf_counter() - start
-            over = time.perf_counter() - begin >= seconds
-            if done >= least and (over or _settled(out, uncertainty)):
-                return out
+    return out
 
 
 def _one_turn(calls, seconds):
@@ -77,11 +72,6 @@ def _durations(call):
     call()
     worked = time.thread_time() - worked
     return time.perf_counter() - begin, worked
-
-
-def _settled(out, uncertainty):
-    shortest = [np.sort(np.concatenate(times)[..., 1], axis=0)[:3] for times in out.values()]
-    return all((each[-1] <= (1 + uncertainty) * each[0]).all() for each in shortest)
 
 
 @contextmanager

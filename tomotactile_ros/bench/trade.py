@@ -7,18 +7,17 @@ image would not do: what is sharp may be wrong.
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import cache, partial
 
 import numpy as np
 
 from tomotactile_ros.bench import accuracy, timing
 from tomotactile_ros.bench.accuracy import SENSORS
-from tomotactile_ros.bench.cases import Case, find_layout
+from tomotactile_ros.bench.cases import Case
 from tomotactile_ros.bench.trials import DRIVE, Size, Trials, make_trials
-from tomotactile_ros.reconstruction import Pipeline
+from tomotactile_ros.layouts.layout import load_layout
 
 _WORTH = 0.02  # least gain in accuracy for which a slower choice is on the front
 
@@ -41,7 +40,7 @@ EFFORT = Effort(Size(5, 5), frames=4, rounds=15, seconds=3.0, most=2.0)
 @cache
 def recorded(name: str, size: Size) -> Trials:
     """Recorded frames of a layout."""
-    return make_trials(find_layout(name), size)
+    return make_trials(load_layout(name), size)
 
 
 def measure(
@@ -55,31 +54,29 @@ def measure(
     frame     on each of `SENSORS`: median and more, and how many times that of the first case on the
               textbook sensor
     memory    of the pipeline after a frame
-    contacts  how many single ones and pairs were measured
     """
-    setups: defaultdict[str, list] = defaultdict(list)
-    _add_setups(setups, cases, effort.seconds / 2)
-    pipelines, merits = _pipelines(cases), []
+    makers: dict = {
+        case.layout: [partial(timing.afresh, Case(case.layout).pipeline)] for case in cases
+    }
+    setups = _compared(
+        timing.in_turn(makers, least=1, seconds=effort.seconds, turn=0.05, warm=False)
+    )
+    pipelines, merits = [case.pipeline() for case in cases], []
     for case, pipeline in zip(cases, pipelines, strict=True):
-        trials = recorded(case.layout, effort.size)
-        contacts = [len(trials.singles), len(trials.pairs)]
-        merits.append(accuracy.measure(pipeline, trials) | {"contacts": contacts})
+        merits.append(accuracy.measure(pipeline, recorded(case.layout, effort.size)))
         tick(0.8 * len(merits) / len(cases))
-    _add_setups(setups, cases, effort.seconds / 2)
     calls = {
-        (case, sensor): _calls(pipeline, recorded(case.layout, effort.size).of(sensor), effort)
+        (case, sensor): _calls(pipeline, recorded(case.layout, effort.size).of[sensor], effort)
         for case, pipeline in zip(cases, pipelines, strict=True)
         for sensor in SENSORS
     }
     frames = _compared(
         timing.in_turn(calls, least=effort.rounds, seconds=effort.seconds, most=effort.most)
     )
-    _add_setups(setups, cases, effort.seconds / 2)
-    compared = _compared(setups)
     return [
         asdict(case)
         | {
-            "setup": compared[case.layout],
+            "setup": setups[case.layout],
             "frame": {sensor: frames[case, sensor] for sensor in SENSORS},
             "memory": _memory(case, effort.size),
         }
@@ -88,38 +85,14 @@ def measure(
     ]
 
 
-def _pipelines(cases):
-    """One for each of `cases`; those of one layout have in common what they can."""
-    first: dict[str, Pipeline] = {}
-    for case in cases:
-        if case.layout not in first:
-            first[case.layout] = case.pipeline()
-    pipelines = [first[case.layout] for case in cases]
-    return [
-        each.with_settings(replace(each.settings, profile=case.profile))
-        for each, case in zip(pipelines, cases)
-    ]
-
-
 def _calls(pipeline, recordings, effort):
     """Functions that reconstruct a recorded frame each, some of single contacts and as many of pairs."""
     everything = np.arange(pipeline.layout.electrodes)
-    places = [
-        np.linspace(0, len(each) - 1, effort.frames + 1).astype(int)[1:] for each in recordings
+    return [
+        partial(pipeline.process, each.frames[at], everything, DRIVE)
+        for each in recordings
+        for at in np.linspace(0, len(each.frames) - 1, effort.frames + 1).astype(int)[1:]
     ]
-    chosen = np.concatenate([each.frames[at] for each, at in zip(recordings, places)])
-    return [partial(pipeline.process, frame, everything, DRIVE) for frame in chosen]
-
-
-def _add_setups(times, cases, seconds):
-    """To `times` by layout; now and then, as a machine may be slow for long."""
-    calls = {
-        name: [partial(timing.afresh, Case(name).pipeline)]
-        for name in dict.fromkeys(case.layout for case in cases)
-    }
-    more = timing.in_turn(calls, least=1, seconds=seconds, turn=0.05, warm=False)
-    for name, rounds in more.items():
-        times[name] += rounds
 
 
 def _memory(case, size):

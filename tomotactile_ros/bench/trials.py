@@ -40,84 +40,60 @@ class Size:
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Frames (N, E, E), V, and for each the true positions (n, 2), m, and forces (n,), N."""
+    """Frames (N, E, E), V, and what is true of each: x, y, m, and force, N, of all contacts."""
 
     frames: np.ndarray
-    positions: list[np.ndarray]
-    forces: list[np.ndarray]
-
-    def __len__(self) -> int:
-        return len(self.frames)
-
-    def part(self, chosen) -> Recording:
-        """The frames with the numbers `chosen`."""
-        chosen = np.arange(len(self))[chosen]
-        return Recording(
-            self.frames[chosen],
-            [self.positions[i] for i in chosen],
-            [self.forces[i] for i in chosen],
-        )
+    truths: list[list[dict]]
 
 
 @dataclass(frozen=True, eq=False)
 class Trials:
     """Recordings of one layout.
 
-    singles     one contact, 1 mV of noise and a 12-bit converter
-    pairs       two contacts for each of `separations` (S,), m: (S * n) frames in this order
-    worn, worn_pairs  the same contacts on the sensor of the scene `worn-sensor`
+    of           single contacts and pairs, by sensor: `textbook` with 1 mV of noise and a 12-bit
+                 converter, `worn` that of the scene `worn-sensor`
+    separations  (S,) m, of the pairs: (S * n) frames in this order
     """
 
     layout: Layout
-    singles: Recording
-    pairs: Recording
-    worn: Recording
-    worn_pairs: Recording
+    of: dict[str, tuple[Recording, Recording]]
     separations: np.ndarray
 
-    def of(self, sensor: str) -> tuple[Recording, Recording]:
-        """Single contacts and pairs on one of `accuracy.SENSORS`."""
-        worn = sensor == "worn"
-        return (self.worn, self.worn_pairs) if worn else (self.singles, self.pairs)
+    @property
+    def singles(self) -> Recording:
+        """On the sensor of the textbook."""
+        return self.of["textbook"][0]
 
 
 def make_trials(layout: Layout, size: Size, seed: int = 6) -> Trials:
     """Simulate all frames of `layout`."""
     random = np.random.default_rng(seed)
-    places = _places(layout, size.side, random)
+    singles = [place[None] for place in _places(layout, size.side, random)]
     separations = np.array(SEPARATIONS) * max(layout.outline.size)
     pairs = [_pair(layout, apart, random) for apart in separations for _ in range(size.pairs)]
-    singles = [place[None] for place in places]
-    clean = record(layout, make_scene(), [*singles, *pairs])
-    worn = record(layout, worn_scene(), [*singles, *pairs])
-    ones, twos = slice(len(singles)), slice(len(singles), None)
-    return Trials(
-        layout,
-        singles=clean.part(ones),
-        pairs=clean.part(twos),
-        worn=worn.part(ones),
-        worn_pairs=worn.part(twos),
-        separations=separations,
-    )
+    of = {}
+    for sensor, scene in {"textbook": make_scene(), "worn": worn_scene()}.items():
+        every = record(layout, scene, [*singles, *pairs])
+        ones, twos = slice(len(singles)), slice(len(singles), None)
+        one, two = (Recording(every.frames[part], every.truths[part]) for part in (ones, twos))
+        of[sensor] = one, two
+    return Trials(layout, of, separations)
 
 
-def record(
-    layout: Layout, scene: Scene, places: list[np.ndarray], pressure: float = PRESSURE, h=None
-) -> Recording:
-    """One frame for each set of contact positions (n, 2), each with its own noise.
-
-    `pressure` of every contact, Pa; `h`: element size, m, the simulator's own without it.
-    """
+def record(layout: Layout, scene: Scene, places: list[np.ndarray]) -> Recording:
+    """One frame for each set of contact positions (n, 2), m, each with its own noise."""
     radius = RADIUS * max(layout.outline.size)
     contacts = [
-        Contact("disc", center=where, radius=radius, pressure=pressure, start=i, end=i + 1)
+        Contact("disc", center=where, radius=radius, pressure=PRESSURE, start=i, end=i + 1)
         for i, points in enumerate(places)
         for where in points
     ]
-    simulator = Simulator(layout, replace(scene, contacts=tuple(contacts)), h=h)
+    simulator = Simulator(layout, replace(scene, contacts=tuple(contacts)))
     frames = np.array([simulator.frame(i + 0.5, i) for i in range(len(places))])
-    force = pressure * np.pi * radius**2
-    return Recording(frames, list(places), [np.full(len(points), force) for points in places])
+    force = PRESSURE * np.pi * radius**2
+    return Recording(
+        frames, [[{"x": x, "y": y, "force": force} for x, y in points] for points in places]
+    )
 
 
 def make_scene(

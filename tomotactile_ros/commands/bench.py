@@ -61,17 +61,17 @@ def run(args):
     args.out = args.out or ("out/bench-parts.json" if args.parts else "out/bench.json")
     if args.parts:
         return _measure_parts(args)
-    from tomotactile_ros.bench import readme, report
+    from tomotactile_ros.bench import report
 
     if args.readme:
-        readme.check(args.readme)  # before anything is measured
+        report.check(args.readme)  # before anything is measured
     result = load(args.source) if args.source else _measure(args)
     width = shutil.get_terminal_size((0, 0)).columns or inf
     print("\n".join(report.lines(result, width)))
     if not args.source:
         print(f"\n{args.out}, with a plot of the front beside it")
     if args.readme:
-        readme.rewrite(args.readme, result)
+        report.rewrite(args.readme, result)
         print(f"{args.readme}: figures rewritten")
     return 0
 
@@ -130,8 +130,7 @@ def _measure_parts(args):
 def _measure(args):
     from tomotactile_ros.bench import plots
     from tomotactile_ros.bench.machine import use_one_thread
-    from tomotactile_ros.bench.run import measure, parts
-    from tomotactile_ros.bench.store import Store
+    from tomotactile_ros.bench.run import Store, measure, parts
     from tomotactile_ros.support.files import check_out, write_atomic
     from tomotactile_ros.support.yamlio import plain
 

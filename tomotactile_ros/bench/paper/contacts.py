@@ -106,12 +106,11 @@ def found(layout: Layout, singles: int) -> Found:
     place, force, told = {}, {}, {}
     for case, both in seen.items():
         there, results = zip(*both, strict=True)
-        places = [np.array([[each["x"], each["y"]] for each in true]) for true in there]
         if case in (EVEN, UNEVEN):
-            place[case] = distances(results, places)
-            force[case] = force_errors(results, [true[0]["force"] for true in there])
+            place[case] = distances(results, there)
+            force[case] = force_errors(results, there)
         else:
-            told[float(case.split()[0]) / 1e3] = float(told_apart(results, places).mean())
+            told[float(case.split()[0]) / 1e3] = float(told_apart(results, there).mean())
     return Found(place, force, told)
 
 

@@ -20,26 +20,19 @@ from tomotactile_ros.evaluation.point_nodes import point_nodes_transfer
 from tomotactile_ros.evaluation.point_spread import REGULARIZATION, RESOLUTION
 from tomotactile_ros.layouts.grid import Grid
 from tomotactile_ros.layouts.layout import Layout
-from tomotactile_ros.scenes.scene import FORMAT, Scene, load_scene
+from tomotactile_ros.scenes.contact import Contact
+from tomotactile_ros.scenes.scene import Scene, load_scene
 from tomotactile_ros.sheet.sensitivity import Sensitivity
 from tomotactile_ros.sheet.transfer import Transfer
 from tomotactile_ros.simulation import Simulator
 
 CONDUCTORS = {place: f"experiment-{place}" for place in ("centre", "side", "corner")}
-SHAPES: dict[str, list[dict]] = {  # bare conductors, too; the article shows its own in a figure only, m
-    "wide": [{"shape": "rectangle", "center": [0.0, 0.0], "size": [0.06, 0.04], "angle": 20.0}],
-    "L-shape": [
-        {
-            "shape": "polygon",
-            "points": [
-                [-0.06, -0.06], [0.06, -0.06], [0.06, -0.03], [-0.03, -0.03], [-0.03, 0.06], [-0.06, 0.06]
-            ],
-        }
-    ],
-    "two points": [
-        {"shape": "disc", "center": [x, 0.0], "radius": 0.0025} for x in (-0.05, 0.05)
-    ],
-}  # fmt: skip
+_LETTER = np.array([[-6, -6], [6, -6], [6, -3], [-3, -3], [-3, 6], [-6, 6]]) / 100
+SHAPES = {  # bare conductors, too; the article shows its own in a figure only, m
+    "wide": [Contact("rectangle", center=(0.0, 0.0), size=(0.06, 0.04), angle=20.0)],
+    "L-shape": [Contact("polygon", points=_LETTER)],
+    "two points": [Contact("disc", center=(x, 0.0), radius=0.0025) for x in (-0.05, 0.05)],
+}
 _RADIUS = 0.0025  # m, of the article's conductor
 _PLACES = 25  # of conductors all over a region
 _COARSE = 30  # nodes along a side instead of 40
@@ -105,7 +98,8 @@ def images(layout: Layout) -> dict[str, Image]:
     grid = Grid.for_outline(layout.outline, RESOLUTION)
     step = OneStep(point_nodes_transfer(layout, grid), grid)
     scenes = {name: load_scene(file) for name, file in CONDUCTORS.items()}
-    scenes |= {name: _bare(contacts) for name, contacts in SHAPES.items()}
+    for name, contacts in SHAPES.items():  # under the conditions of the experiment
+        scenes[name] = replace(scenes["centre"], contacts=tuple(contacts))
     out = {}
     for name, scene in scenes.items():
         # all rows at once: nothing moves
@@ -167,7 +161,9 @@ def trials(equal: Layout, optimized: dict[str, Layout]) -> list[Trial]:
 
 def _of(layouts, steps, radius, joints=(None, None)):
     """HWHM of both layouts for each of `CONDUCTORS`."""
-    half = _pitch(layouts[0]) / 2
+    half = (
+        SIDE / (np.sqrt(layouts[0].electrodes) - 1) / 2
+    )  # of an equal grid's pitch, from rim to rim
     out = {}
     for name, file in CONDUCTORS.items():
         (contact,) = load_scene(file).truth(0.0)
@@ -179,11 +175,6 @@ def _of(layouts, steps, radius, joints=(None, None)):
         )
         out[name] = first, second
     return out
-
-
-def _pitch(layout: Layout) -> float:
-    """Between neighbours of an equal grid from rim to rim, m."""
-    return SIDE / (np.sqrt(layout.electrodes) - 1)
 
 
 def _frames(layout, places, radius, joints=None):
@@ -199,11 +190,3 @@ def _frames(layout, places, radius, joints=None):
         lifted = transfer.impedance(ground).T + added[:, ground, None]
         out[:, ground] = lifted / own[:, ground, None]
     return out
-
-
-def _bare(contacts: list[dict]) -> Scene:
-    """`contacts` under the conditions of the experiment."""
-    conductor = load_scene(CONDUCTORS["centre"])
-    content = {"format": FORMAT, "drive_voltage": conductor.drive_voltage, "contacts": contacts}
-    shaped = load_scene(CONDUCTORS["centre"], content)
-    return replace(conductor, contacts=shaped.contacts)

@@ -55,14 +55,10 @@ def ratio_rows(runs: Sequence[Run], count: int) -> Iterator[list[str]]:
     """Rows of the table of N x N electrodes: equal and optimized in %, their ratios, and how far these
     are from the article's."""
     reported = REPORTED[count]
-    yield [
-        "article",
-        ", ".join(map(str, reported.equal)) + ", in a figure only",
-        ", ".join(map(str, reported.optimized)) + f", in a figure only (update {reported.best})",
-        _three(reported.ratios),
-        "",
-        "",
-    ]
+    first, last = (", ".join(map(str, each)) for each in (reported.equal, reported.optimized))
+    only = "in a figure only"
+    given = f"{first}, {only}", f"{last}, {only} (update {reported.best})"
+    yield ["article", *given, _three(reported.ratios), "", ""]
     for run in runs:
         if run.count != count:
             continue
@@ -97,17 +93,11 @@ def _simulation(runs):
     words = ", ".join(LABELS)
     for count in COUNTS:
         yield f"<h3>{count} × {count} electrodes</h3>"
-        yield _table(
-            (
-                "model",
-                f"equal: {words} / %",
-                "optimized / %",
-                "optimized over equal",
-                "that minus the article's",
-                "mean distance from the article's",
-            ),
-            ratio_rows(runs, count),
+        header = (
+            *("model", f"equal: {words} / %", "optimized / %", "optimized over equal"),
+            *("that minus the article's", "mean distance from the article's"),
         )
+        yield _table(header, ratio_rows(runs, count))
         name = f"fig3-{count}x{count}"
         yield _figure(f"{name}-spreads.png", "Point spreads, electrodes as single nodes")
         yield _figure(f"{name}-maps.png", "A, B: maps of HWHM and PE after each update")
@@ -179,37 +169,26 @@ def _trials(trials):
     closest = min(
         trials, key=lambda each: max(abs(each.ratio(place) - article[place]) for place in article)
     )
+    by_place, by_joints = (
+        ", ".join(f"{_range(trial, place)} ({place})" for place in CONDUCTORS)
+        for trial in (plain, joints)
+    )
+    within = {}
+    for place, value in article.items():
+        low, high = joints.limits(place)
+        within.setdefault(low <= value <= high, {})[place] = value
     yield (
         "<p>The drive voltage changes nothing: images are in proportion to it. Of all three ratios of the article "
         f"({_each(article)}), “{escape(closest.words)}” changed leaves the least to explain: "
         f"{_each({place: closest.ratio(place) for place in article})}. Where in its region a conductor lies changes "
-        "the ratio, too, with nothing else changed: "
-        + ", ".join(f"{_range(plain, place)} ({place})" for place in CONDUCTORS)
-        + ". Bad joints, which the article names, give the equal grid "
-        + ", ".join(
-            f"{100 / SIDE * np.median(joints.hwhm[place][0]):.0f} % where the article has {EXPERIMENT[place][0]:.0f} ({place})"
-            for place in CONDUCTORS
-        )
-        + ". With them the ratio of two boards is partly chance: "
-        + ", ".join(f"{_range(joints, place)} ({place})" for place in CONDUCTORS)
-        + f". {_chance(joints, article)} Not known: the places of the conductors, the joints, "
+        f"the ratio, too, with nothing else changed: {by_place}. With bad joints, which the article "
+        f"names, the ratio of two boards is partly chance: {by_joints}. The article's ratio lies within "
+        f"these limits at {_each(within.get(True, {})) or 'no place'}: one conductor there on one pair "
+        "of boards does not tell a layout's gain from chance. It lies outside at "
+        f"{_each(within.get(False, {})) or 'no place'}: that is neither the layout nor the joints as "
+        "they are here. Not known: the places of the conductors, the joints, "
         "the wrinkles, and how the article's λ² is scaled for measured voltages.</p>"
     )
-
-
-def _chance(joints: Trial, article: dict[str, float]) -> str:
-    """At which places bad joints alone may have made the article's ratio, and at which not."""
-    within: dict[str, float] = {}
-    outside: dict[str, float] = {}
-    for place, value in article.items():
-        low, high = joints.limits(place)
-        (within if low <= value <= high else outside)[place] = value
-    said = ""
-    if within:
-        said += f"The article's ratio lies within these limits at {_each(within)}: one conductor there on one pair of boards does not tell a layout's gain from chance. "
-    if outside:
-        said += f"It lies outside at {_each(outside)}: that is neither the layout nor the joints as they are here."
-    return said
 
 
 def _each(ratios: dict[str, float]) -> str:

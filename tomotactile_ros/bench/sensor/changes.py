@@ -8,18 +8,14 @@ for a part of the frame that is judged may be reported or not (`scoring.PART`).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
-from tomotactile_ros.bench.reference import Admittance
 from tomotactile_ros.bench.reference_slides import SlideData
 from tomotactile_ros.bench.sensor.readings import potentials, readings, untouched
 from tomotactile_ros.bench.sensor.states import States
 from tomotactile_ros.bench.sensor.trial import VELOCITY, Trial
 from tomotactile_ros.bench.trials import DRIVE
 from tomotactile_ros.evaluation.scoring import PART
-from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.simulation import ROW_PERIOD
 
 _SEED = 26
@@ -40,28 +36,16 @@ def beside(case: str, without: States, both: States, end: bool) -> Trial:
     return _changing(case, both.layout, without.seen, both.seen, truths, end)
 
 
-def _changing(
-    case: str,
-    layout: Layout,
-    without: Sequence[Admittance | None],
-    touched: Sequence[Admittance],
-    truths: list[list[dict]],
-    end: bool,
-) -> Trial:
+def _changing(case, layout, without, touched, truths, end) -> Trial:
     """Three frames of each state: before, while and after it becomes the other one at some row."""
-    random = np.random.default_rng(_SEED)
-    frames = []
-    judged: list[list[dict] | None] = []
-    electrodes = layout.electrodes
+    random, electrodes = np.random.default_rng(_SEED), layout.electrodes
+    frames, judged = [], []
     for i, (one, other, truth) in enumerate(zip(without, touched, truths, strict=True)):
-        before = untouched(electrodes) if one is None else potentials(one)
-        after = potentials(other)
-        if end:
-            before, after = after, before
+        both = [untouched(electrodes) if one is None else potentials(one), potentials(other)]
+        before, after = both[::-1] if end else both
         late = np.arange(electrodes) >= random.integers(1, electrodes)
         within = np.where(late[:, None], after, before)
-        for number, each in enumerate((before, within, after)):
-            frames.append(readings(each, seed=(i, number)))
+        frames += [readings(each, seed=(i, k)) for k, each in enumerate((before, within, after))]
         judged += [None, truth, None]
     return Trial(case, layout, np.array(frames), judged, ROW_PERIOD)
 

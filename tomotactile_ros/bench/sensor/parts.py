@@ -15,13 +15,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
+from itertools import product
 
 import numpy as np
 
 from tomotactile_ros.bench import reference_slides
 from tomotactile_ros.bench.cases import DEFAULT_LAYOUT
 from tomotactile_ros.bench.sensor import changes
-from tomotactile_ros.bench.sensor.readings import Wiring
+from tomotactile_ros.bench.sensor.readings import IDEAL, Wiring
 from tomotactile_ros.bench.sensor.states import cases, states
 from tomotactile_ros.bench.sensor.trial import Methods, Trial, presses, profiles
 from tomotactile_ros.bench.sensor.trial import measure as judged
@@ -29,14 +31,9 @@ from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.scenes.channels import Channels, Rms, Uniform
 
 CONNECTOR = tuple(range(24, 32))  # eight neighbours, the fourth row of 8 x 8
-_COUNT = 24  # presses of a case
-_TEXTBOOK, _SHEETS, _CROWD = "textbook-8x8", "sheets-8x8", "crowd-8x8"
-_BESIDE, _WIDE = "beside-8x8", "wide-8x8"
-# of part `wide-channels`: what is wrong, cases left out, and of the others every so many presses
-_WRONG = "gains 2 %", "gains 5 %", "offsets 5 mV", "150 to 450 ohm to ground", "two stuck channels"
-_LARGE, _FEWER = ("whole sheet", "plate of 1"), 3
-_ONE, _OTHER = 18, 45  # electrodes that something is wrong with
+ASIDE = 3e-4, 1e-3  # m: glued with a template, and by eye
 _SEED = 1
+_ONE, _OTHER = 18, 45  # electrodes that something is wrong with
 
 WIRINGS = {
     "textbook": Wiring(),
@@ -50,34 +47,41 @@ WIRINGS = {
     "two stuck channels": Wiring(Channels(stuck={_ONE: 1.1, _OTHER: 2.2})),
     "two swapped wires": Wiring(swapped=((_ONE, _ONE + 1),)),
 }
-SHEETS = {
-    "random field 10 %": "random 10%",
-    "random field 20 %": "random 20%",
-    "gradient 20 %": "gradient 20%",
-    "anisotropy 1.5 : 1": "anisotropy 1.5",
+WORN = Wiring(Channels(Rms(0.02, _SEED), Rms(0.002, _SEED), Uniform(150, 75, _SEED)))
+_TEXTBOOK, _WIDE = ("textbook-8x8", None, 24), "wide-8x8"  # family, case, most
+_SHEET = "sheets-8x8"
+# presses by part: words, what `states` is asked for, wiring
+PRESSES: dict[str, list[tuple]] = {
+    "channels": [(words, _TEXTBOOK, wiring) for words, wiring in WIRINGS.items()],
+    "sheets": [
+        ("random field 10 %", (_SHEET, "random 10%"), IDEAL),
+        ("random field 20 %", (_SHEET, "random 20%"), IDEAL),
+        ("gradient 20 %", (_SHEET, "gradient 20%"), IDEAL),
+        ("anisotropy 1.5 : 1", (_SHEET, "anisotropy 1.5"), IDEAL),
+        ("20 %, gains 2 %, 75 to 225 ohm, 2 mV", (_SHEET, "random 20%"), WORN),
+    ],
+    "layouts": [
+        ("four electrodes amid 8 x 8 missing", ("layout-void-60",), IDEAL),
+        ("ring of 16 on a circle", ("layout-rim-16",), IDEAL),
+        ("40 random places", ("layout-random-40",), IDEAL),
+        ("L-shape", ("layout-l-shape-48",), IDEAL),
+        (
+            "dead connector of 8 neighbours",
+            _TEXTBOOK,
+            Wiring(Channels(open=CONNECTOR), dead=CONNECTOR),
+        ),
+    ],
+    "crowd": [(f"{n} contacts", ("crowd-8x8", f"{n} contacts"), IDEAL) for n in (3, 4, 5, 6)],
 }
-WORN = Wiring(
-    Channels(
-        gain=Rms(0.02, _SEED),
-        offset=Rms(0.002, _SEED),
-        ground_resistance=Uniform(150, 75, _SEED),
-    )
-)
-LAYOUTS = {
-    "four electrodes amid 8 x 8 missing": "layout-void-60",
-    "ring of 16 on a circle": "layout-rim-16",
-    "40 random places": "layout-random-40",
-    "L-shape": "layout-l-shape-48",
-}
-
-
-ASIDE = 3e-4, 1e-3  # m: glued with a template, and by eye
+# of part `wide-channels`: what is wrong, cases left out, and of the others every so many presses
+_WRONG = "gains 2 %", "gains 5 %", "offsets 5 mV", "150 to 450 ohm to ground", "two stuck channels"
+_LARGE, _FEWER = ("whole sheet", "plate of 1"), 3
 
 
 def time(step: int = 1) -> Iterator[Trial]:
     """Every `step`-th press, as in the other parts."""
-    alone = states(_TEXTBOOK, most=_COUNT).every(step)
-    one, two = (states(_BESIDE, case).every(step) for case in ("one", "two"))
+    alone = states(*_TEXTBOOK).every(step)
+    one, two = (states("beside-8x8", case).every(step) for case in ("one", "two"))
     for name, end in (("onset", False), ("release", True)):
         yield changes.alone(name, alone, end)
         yield changes.beside(f"{name} beside another", one, two, end)
@@ -86,44 +90,24 @@ def time(step: int = 1) -> Iterator[Trial]:
         yield changes.sliding(f"{speed:g} m/s", slides, speed, step)
 
 
-def channels(step: int = 1) -> Iterator[Trial]:
-    pressed = states(_TEXTBOOK, most=_COUNT).every(step)
-    for name, wiring in WIRINGS.items():
-        yield presses(name, pressed, wiring)
-
-
-def sheets(step: int = 1) -> Iterator[Trial]:
-    for name, case in SHEETS.items():
-        yield presses(name, states(_SHEETS, case).every(step))
-    worn = states(_SHEETS, "random 20%").every(step)
-    yield presses("20 %, gains 2 %, 75 to 225 ohm, 2 mV", worn, WORN)
-
-
-def layouts(step: int = 1) -> Iterator[Trial]:
-    for name, family in LAYOUTS.items():
-        yield presses(name, states(family).every(step))
-    connector = Wiring(Channels(open=CONNECTOR), dead=CONNECTOR)
-    pressed = states(_TEXTBOOK, most=_COUNT).every(step)
-    yield presses("dead connector of 8 neighbours", pressed, connector)
-    for aside in ASIDE:
-        name = f"electrodes {1e3 * aside:g} mm beside the layout"
-        yield replace(presses(name, pressed), layout=misplaced(pressed.layout, aside))
+def pressed(part: str, step: int = 1) -> Iterator[Trial]:
+    """One of `PRESSES`; of `layouts` also electrodes that are not where the layout says."""
+    for words, asked, wiring in PRESSES[part]:
+        yield presses(words, states(*asked).every(step), wiring)
+    for aside in ASIDE if part == "layouts" else ():
+        made = presses(
+            f"electrodes {1e3 * aside:g} mm beside the layout", states(*_TEXTBOOK).every(step)
+        )
+        yield replace(made, layout=misplaced(made.layout, aside))
 
 
 def misplaced(layout: Layout, aside: float) -> Layout:
     """The layout with electrodes `aside` m, rms in x and in y, from where it has them, but on the
     sheet."""
     half = np.array(layout.outline.size) / 2
-    moved = layout.positions + aside * np.random.default_rng(_SEED).standard_normal(
-        (len(layout.positions), 2)
-    )
+    way = aside * np.random.default_rng(_SEED).standard_normal(layout.positions.shape)
     name = f"{layout.name}, {1e3 * aside:g} mm aside"
-    return replace(layout, name=name, positions=np.clip(moved, -half, half))
-
-
-def crowd(step: int = 1) -> Iterator[Trial]:
-    for count in (3, 4, 5, 6):
-        yield presses(f"{count} contacts", states(_CROWD, f"{count} contacts").every(step))
+    return replace(layout, name=name, positions=np.clip(layout.positions + way, -half, half))
 
 
 def wide(step: int = 1) -> Iterator[Trial]:
@@ -132,20 +116,15 @@ def wide(step: int = 1) -> Iterator[Trial]:
 
 
 def wide_channels(step: int = 1) -> Iterator[Trial]:
-    for name in _WRONG:
-        for case in cases(_WIDE):
-            if case.startswith(_LARGE):
-                continue
-            pressed = states(_WIDE, case).every(_FEWER * step)
-            yield presses(f"{case}, {name}", pressed, WIRINGS[name])
+    small = [case for case in cases(_WIDE) if not case.startswith(_LARGE)]
+    for name, case in product(_WRONG, small):
+        wiring = WIRINGS[name]
+        yield presses(f"{case}, {name}", states(_WIDE, case).every(_FEWER * step), wiring)
 
 
 PARTS: dict[str, Callable[[int], Iterator[Trial]]] = {
     "time": time,
-    "channels": channels,
-    "sheets": sheets,
-    "layouts": layouts,
-    "crowd": crowd,
+    **{part: partial(pressed, part) for part in PRESSES},
     "wide": wide,
     "wide-channels": wide_channels,
 }

@@ -6,10 +6,15 @@ import os
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from tomotactile_ros.bench import reference_data
 from tomotactile_ros.bench.reference import Admittance, ReferenceSheet
 from tomotactile_ros.bench.reference_cases import Press, truth
+from tomotactile_ros.bench.reference_mesh import disc
 from tomotactile_ros.layouts.layout import Layout
+
+FINGER = 0.006  # m, radius
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,8 +35,7 @@ class States:
 def states(family: str | os.PathLike, case: str | None = None, most: int | None = None) -> States:
     """The first `most` states of a family, of one of its cases or of all, by its name or the path of
     its file; InputError where there is no file of it."""
-    path = reference_data.find(family)
-    layout, content = reference_data.read(path, ("packed",), ("states",))
+    layout, content = reference_data.read(family, ("packed",), ("states",))
     chosen = [
         (Admittance.unpack(packed), state["contacts"], state["case"])
         for packed, state in zip(content["packed"], content["states"], strict=True)
@@ -43,13 +47,15 @@ def states(family: str | os.PathLike, case: str | None = None, most: int | None 
 
 def cases(family: str) -> list[str]:
     """Of a family, in the order of its file."""
-    _, content = reference_data.read(reference_data.find(family), (), ("states",))
+    _, content = reference_data.read(family, (), ("states",))
     return list(dict.fromkeys(state["case"] for state in content["states"]))
 
 
-def solved(sheet: ReferenceSheet, presses: Iterable[Press]) -> States:
-    """States of a sheet of the reference model, one press in each."""
-    presses = list(presses)
+def fingers(sheet: ReferenceSheet, places: Iterable[np.ndarray], random) -> States:
+    """States of a sheet of the reference model, solved: at each of the places a disc of 6 mm,
+    pressed with 0.5 to 3 N."""
+    area = np.pi * FINGER**2
+    presses = [Press(disc(at, FINGER), "disc", random.uniform(0.5, 3.0) / area) for at in places]
     seen = [sheet.solve([(press.shape, press.conductance)]) for press in presses]
     truths = [[truth(press, sheet.layout.outline)] for press in presses]
     return States(sheet.layout, seen, truths)

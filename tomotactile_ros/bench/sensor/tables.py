@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from math import inf
 
 from tomotactile_ros.bench import tables
@@ -22,16 +22,21 @@ ghosts: reported contacts 10 mm or more from every true one; doubled: nearer, be
 already; weak: below 0.02 N, not judged; missed: true contacts without a pair; place, force: of pairs;
 OSPA: places, ghosts and misses in one figure, mean of the frames, cut-off 10 mm; bound: Cramer-Rao
 bound of the same places, median; place: median of the errors in parts of it, 0.83 at best."""
+HEADER = (*scoring.HEADER, "95 % regions: place %", "force %")
 _BOUND = "bound mm", "place / bound"
-_COVERED = "95 % regions: place %", "force %"
-HEADER = (*scoring.HEADER, *_COVERED)
 
 
 def text(found: dict[str, list[dict]], width: float = inf) -> Iterator[str]:
-    """Lines for a terminal; `found`: rows of `trial.measure` by part."""
+    """Lines for a terminal; `found`: rows of `trial.measure` by part. Bounds have columns where
+    there are any."""
     for part, rows in found.items():
+        bounded = any(row["bound"] is not None for row in rows)
+        header = ("case", "method", *HEADER, *(_BOUND if bounded else ()))
+        lines = [
+            (row["case"], row["method"], *cells(row), *(_bound(row) if bounded else ()))
+            for row in rows
+        ]
         yield TITLES[part]
-        header, lines = _table(rows)
         yield from tables.text(header, lines, width, fixed=2)
         yield ""
     yield LEGEND
@@ -39,32 +44,11 @@ def text(found: dict[str, list[dict]], width: float = inf) -> Iterator[str]:
 
 def cells(row: dict) -> list[str]:
     """Of what `scoring.summary` says, under `HEADER`."""
-    return [*scoring.cells(row), *_covered(row)]
-
-
-def _covered(row):
-    return [tables.percent(row["coverage"][key]) for key in ("place", "force")]
-
-
-def _table(rows: Sequence[dict]):
-    """Header and cells; stated uncertainties and bounds have columns where there are any."""
-    covered = any(part is not None for row in rows for part in row["coverage"].values())
-    bounded = any(row["bound"] is not None for row in rows)
-    more = (_COVERED if covered else ()) + (_BOUND if bounded else ())
-    header = ("case", "method", *scoring.HEADER, *more)
-    lines = []
-    for row in rows:
-        line = [row["case"], row["method"], *scoring.cells(row)]
-        if covered:
-            line += _covered(row)
-        if bounded:
-            line += _bound(row)
-        lines.append(line)
-    return header, lines
+    covered = (tables.number(row["coverage"][key], 100, ".0f") for key in ("place", "force"))
+    return [*scoring.cells(row), *covered]
 
 
 def _bound(row):
     bound, median = row["bound"], row["place"]["median"]
-    if bound is None:
-        return "-", "-"
-    return f"{1e3 * bound:.3f}", "-" if median is None else f"{median / bound:.1f}"
+    part = None if None in (bound, median) else median / bound
+    return tables.number(bound, 1e3, ".3f"), tables.number(part, 1, ".1f")
