@@ -1,8 +1,6 @@
 """`tomotactile evaluate` and `tomotactile optimize` as a user runs them."""
 
 import json
-import multiprocessing
-import os
 import signal
 import subprocess
 import sys
@@ -15,12 +13,10 @@ from warm_start import begin
 
 from tomotactile_ros.cli import main
 from tomotactile_ros.layouts.layout import equal_grid, load_layout
-from tomotactile_ros.optimizer import workers
 from tomotactile_ros.optimizer.equalize import equalize
 from tomotactile_ros.optimizer.options import OPTIONS, request_of, start_of
 from tomotactile_ros.optimizer.request import Request
 from tomotactile_ros.optimizer.step import best_of
-from tomotactile_ros.optimizer.workers import Workers
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.scenes.scene import load_scene
 from tomotactile_ros.simulation import Simulator
@@ -47,33 +43,6 @@ def test_equalize_writes_a_layout_and_a_picture(tmp_path, capsys):
     said = capsys.readouterr().out
     assert "HWHM of the worst region" in said
     assert "mm beyond the rim: --method touch --margin 0.005 keeps them on the sheet" in said
-
-
-class Startled(Exception):
-    pass
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_an_interrupt_while_workers_start_is_not_lost_and_leaves_nobody_behind(monkeypatch, number):
-    starting, start = [], workers.ProcessPoolExecutor.submit
-
-    def interrupted(*arguments):
-        starting.append(True)
-        os.kill(os.getpid(), number)
-        future = start(*arguments)
-        starting.pop()
-        return future
-
-    def startle(*_):
-        assert not starting, "in the midst of it"
-        raise Startled
-
-    monkeypatch.setattr(workers.ProcessPoolExecutor, "submit", interrupted)
-    signal.signal(number, startle)
-    with pytest.raises(Startled), Workers(2) as pool:
-        pool.submit(time.sleep, 1000)
-    assert signal.getsignal(number) == startle
-    assert not multiprocessing.active_children()
 
 
 def test_grounding_writes_the_conditions(tmp_path, capsys):
@@ -118,7 +87,7 @@ def test_evaluate_as_text_and_json(capsys):
         (["--rows", "4", "--cols", "4", "--seed", "3"], "seed: only method free knows it"),
         (["--rows", "4", "--cols", "4", "--conditions", "4"], "--conditions: only method scan"),
         (["--explore", "9", "1"], "--explore: 1 is not a whole number from 4"),
-        (["--layout", "equal-4x4", "--resume"], "x.search.json is not there"),
+        (["--layout", "equal-4x4", "--resume"], "x.search is not there"),
     ],
 )
 def test_mistakes_are_one_line(tmp_path, capsys, arguments, message):
@@ -173,8 +142,8 @@ from tomotactile_ros.optimizer.request import Request
 
 steps_of = Request.steps_of
 
-def announced(self, executor):
-    for step in steps_of(self, executor):
+def announced(self, work):
+    for step in steps_of(self, work):
         yield step
         print("step", step.iteration, flush=True)
 

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping
-from concurrent.futures import Executor
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -21,7 +19,6 @@ from tomotactile_ros.evaluation.point_spread import LEAST_REGULARIZATION, MOST_C
 from tomotactile_ros.evaluation.posterior import MEMORY, NOISE, SEPARATION, Conditions
 from tomotactile_ros.layouts.arrangements import MAX_SPREAD
 from tomotactile_ros.layouts.layout import Layout
-from tomotactile_ros.optimizer.checkpoint import state_file_of
 from tomotactile_ros.optimizer.constraints import doubts_of
 from tomotactile_ros.optimizer.explore import FEWEST, Choice, answer, explore
 from tomotactile_ros.optimizer.free import SPACING
@@ -39,7 +36,7 @@ from tomotactile_ros.optimizer.options import (
 from tomotactile_ros.optimizer.request import METHODS
 from tomotactile_ros.optimizer.scan import FEW, Chooser, Scan, scans, spread
 from tomotactile_ros.optimizer.step import Step, ratio
-from tomotactile_ros.optimizer.workers import Workers
+from tomotactile_ros.optimizer.work import Work
 from tomotactile_ros.support import checks, memory
 from tomotactile_ros.support.checks import plain
 from tomotactile_ros.support.errors import InputError
@@ -73,25 +70,23 @@ class Job:
 
     label = ""  # of the progress
     total = 1  # stages, that of the start not counted
-    processes = 1  # that can be of use
 
     def __init__(self, values: Mapping[str, Any], mark: str):
         self.values, self.mark = values, mark
         self.start: Layout = start_of(values, mark)
         self.out = Path(values["out"])
         self.report = Path(values["report"] or self.out.with_suffix(".png"))
-        self.name = values["name"] or self.out.stem
+        self.name = self.out.stem
         check_out(values["out"], *YAML)
         check_picture(self.report)
         replace(self.start, name=self.name)  # refuses a name that the layout cannot have
 
-    def workers(self) -> AbstractContextManager:
-        """A context with the executor for `stages`, or None where one process does."""
-        return Workers(self.processes) if self.processes > 1 else nullcontext()
-
-    def stages(self, executor: Executor | None = None) -> Iterator[Stage]:
+    def stages(self) -> Iterator[Stage]:
         """Work; may be left at any time."""
         raise NotImplementedError
+
+    def stop(self) -> None:
+        """End the processes that work; for any thread."""
 
     @property
     def has_result(self) -> bool:
@@ -108,20 +103,23 @@ class Move(Job):
 
     def __init__(self, values: Mapping[str, Any], mark: str):
         super().__init__(values, mark)
-        state_file = state_file_of(values["out"])
-        self.request = request_of(self.start, values["method"], values, state_file)
+        self.request = request_of(self.start, values["method"], values)
         self.label, self.total = self.request.method, self.request.total
-        if self.label != "equalize":
-            self.processes = values["workers"] or os.cpu_count() or 1
-        if self.label == "touch":
-            busy = min(self.processes, max(self.request.total_starts, 2))  # two look at the start
+        processes = values["workers"] or os.cpu_count() or 1
+        if self.label == "touch" and not values["backend"]:
+            busy = min(processes, max(self.request.total_starts, 2))  # two look at the start
             electrodes = self.start.electrodes
             memory.check(busy * MEMORY * electrodes, f"{busy} processes at {electrodes} electrodes")
+        kept = self.out.with_suffix(".search")
+        self._work = Work(processes, values["backend"], kept, values["resume"])
         self._history: list[Step] = []
         self._ended = False
 
-    def stages(self, executor: Executor | None = None) -> Iterator[Stage]:
-        for step in self.request.steps_of(executor):
+    def stop(self) -> None:
+        self._work.stop()
+
+    def stages(self) -> Iterator[Stage]:
+        for step in self.request.steps_of(self._work):
             self._history.append(step)
             figures = {"score": step.score, "eta": step.eta}
             yield Stage(step.iteration, _note(step), figures, step.hwhm_map)
@@ -145,8 +143,8 @@ class Move(Job):
             yield f"ended after {done} of {request.total} steps; the best so far is kept"
         if done < request.total and not self._ended:
             yield f"{self.mark}resume, with the same options, goes on"
-        elif request.state_file is not None:
-            request.state_file.unlink(missing_ok=True)  # there is nothing to go on with
+        else:
+            self._work.forget()
         title = f"{self.start.name} -> {self.name}, method {request.method}"
         save = save_report if best.posterior is None else save_touch_report
         save(self.report, history, best, title, request.keep_out)
@@ -173,7 +171,7 @@ class Choose(Job):
         self.total = len(self._counts)
         self._found: list[Scan] = []
 
-    def stages(self, executor: Executor | None = None) -> Iterator[Stage]:
+    def stages(self) -> Iterator[Stage]:
         self._chooser = Chooser(self.start)
         how = {key: self.values[key] for key in ("regularization", "resolution")}
         for scan in scans(self.start, self._counts, self._chooser, **how):
@@ -259,7 +257,7 @@ class Explore(Job):
         self.total = len(values[EXPLORE])
         self._found: list[list[Choice]] = []
 
-    def stages(self, executor: Executor | None = None) -> Iterator[Stage]:
+    def stages(self) -> Iterator[Stage]:
         values, start = self.values, self.start
         conditions = Conditions(
             noise=NOISE if values["noise"] is None else values["noise"],
@@ -310,6 +308,8 @@ def job_of(values: Mapping[str, Any], mark: str = "") -> Job:
     be."""
     task = task_of(values)
     refuse_unknown(task, values, mark)
+    if values["workers"] is not None and values["backend"] is not None:
+        raise InputError(f"{mark}workers: {mark}backend has its own, give only one")
     if values["workers"] is not None:
         checks.integer(values["workers"], f"{mark}workers", 1, MOST_PROCESSES)
     return {EXPLORE: Explore, SCAN: Choose}.get(task, Move)(values, mark)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 from tomotactile_ros.evaluation.places import CONTACT_RADIUS
@@ -112,12 +111,16 @@ RESULT = (
     ),
     Option("out", str, "Layout file (.yaml) to write"),
     Option("report", str, "Picture (.png) to write (default: beside the layout)"),
-    Option("name", str, "Of the layout (default: that of the file)"),
     Option(
         "workers",
         int,
         "Processes of the search (default: one for each processor)",
         high=MOST_PROCESSES,
+    ),
+    Option(
+        "backend",
+        str,
+        "Scheduler of dask whose workers search, on any machines, instead: dask://HOST:PORT",
     ),
 )
 START = (
@@ -380,13 +383,8 @@ def _spread(values, mark, layout: Layout | None = None):
     return spread if layout is None else replace(spread, surface=layout.surface)
 
 
-def request_of(
-    layout: Layout, method: str, values: Mapping[str, Any], state_file: Path | None = None
-) -> Request:
-    """What to do with `layout`, by the values of `SEARCH`; its scan is that of other places.
-
-    state_file : where a search keeps its state after every step
-    """
+def request_of(layout: Layout, method: str, values: Mapping[str, Any]) -> Request:
+    """What to do with `layout`, by the values of `SEARCH`; its scan is that of other places."""
     if layout.scan:
         doubt("layout: its scan is left out, it was chosen for where the electrodes are")
         layout = replace(layout, scan=())
@@ -410,8 +408,6 @@ def request_of(
         noise=values["noise"],
         contact_radius=values["contact_radius"],
         apart=values["apart"],
-        resume=values["resume"],
-        state_file=state_file,
     )
 
 

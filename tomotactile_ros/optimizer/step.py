@@ -88,12 +88,6 @@ class Clock:
         return Step(iteration, self.total, quality, float(score), best, left, posterior)
 
 
-def after_resuming(total: int, done: int) -> list[float]:
-    """Efforts of the start and `total` steps that are alike, where `done` were taken from a file: the
-    best of these is evaluated once more, as the start is."""
-    return [1.0, *(float(number >= done) for number in range(1, total + 1))]
-
-
 def best_of(
     steps: Iterator[Step], watch: Callable[[Step], object] | None = None
 ) -> tuple[list[Step], Step]:
