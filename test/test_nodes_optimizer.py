@@ -46,8 +46,7 @@ def test_every_option_of_the_command_is_a_parameter_and_means_the_same():
 
 def test_it_writes_the_layout_and_ends(start, tmp_path):
     out = tmp_path / "better.yaml"
-    parameters = {"layout": "equal-4x4", "method": "equalize", "steps": 1}
-    parameters |= {"out": out}
+    parameters = {"layout": "equal-4x4", "method": "equalize", "steps": 1, "out": out}
     process = start("optimizer", parameters, warm=False)
     assert process.wait() == 0, process.output
     layout = load_layout(out)

@@ -47,7 +47,7 @@ BAD_STARTS = [
     ("tactile", {"scene": "nothing"}, "'nothing': no such file"),
     ("optimizer", {"layout": "none"}, "'none': no such file"),
     ("optimizer", {"resolution": "1"}, "resolution: 1 is not"),
-    ("optimizer", {"method": "equalize", "seed": "3"}, "seed: only method free knows it"),
+    ("optimizer", {"method": "equalize", "seed": "3"}, "seed: is for method free only"),
     ("optimizer", {"layout": "equal-4x4", "rows": "4"}, "rows: layout has its own"),
     ("optimizer", {"layout": "equal-4x4", "out": "/no/such/folder/a.yaml"}, "/no/such/folder"),
 ]

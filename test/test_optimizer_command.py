@@ -47,7 +47,7 @@ def test_equalize_writes_a_layout_and_a_picture(tmp_path, capsys):
 
 def test_grounding_writes_the_conditions(tmp_path, capsys):
     out = tmp_path / "few.yaml"
-    command = ["optimize", "--rows", "3", "--cols", "3", "--method", "grounding"]
+    command = ["optimize", "--rows", "3", "--cols", "3", "--method", "scan"]
     assert main([*command, "--conditions", "9", "4", "--resolution", "10", "--out", str(out)]) == 0
     layout = load_layout(out)
     assert len(layout.scan) == 4 and list(layout.scan) == layout.provenance["grounding"]["4"]
@@ -74,7 +74,10 @@ def test_evaluate_as_text_and_json(capsys):
     [
         (["--method", "free"], "--rows and --cols, or --layout, or --electrodes, are needed"),
         (["--rows", "4", "--cols", "4", "--method", "free", "--spacing", "0.2"], "do not fit"),
-        (["--rows", "4", "--cols", "4", "--method", "equalize", "--margin", "0.01"], "only method"),
+        (
+            ["--rows", "4", "--cols", "4", "--method", "equalize", "--margin", "0.01"],
+            "is for method",
+        ),
         (["--rows", "4", "--cols", "4", "--method", "equalize", "--steps", "-1"], "steps: -1"),
         (
             ["--rows", "4", "--cols", "4", "--method", "scan", "--frame-time", "1e-4"],
@@ -82,10 +85,10 @@ def test_evaluate_as_text_and_json(capsys):
         ),
         (
             ["--rows", "4", "--cols", "4", "--method", "scan", "--keep-out", "0", "0", "0.02"],
-            "--keep-out: only methods touch and free know it",
+            "--keep-out: is for method touch and method free only",
         ),
-        (["--rows", "4", "--cols", "4", "--seed", "3"], "seed: only method free knows it"),
-        (["--rows", "4", "--cols", "4", "--conditions", "4"], "--conditions: only method scan"),
+        (["--rows", "4", "--cols", "4", "--seed", "3"], "seed: is for method free only"),
+        (["--rows", "4", "--cols", "4", "--conditions", "4"], "--conditions: is for method scan"),
         (["--explore", "9", "1"], "--explore: 1 is not a whole number from 4"),
         (["--layout", "equal-4x4", "--resume"], "x.search is not there"),
     ],

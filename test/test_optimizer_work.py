@@ -59,7 +59,7 @@ def test_it_ends_where_it_would_have_ended(tmp_path, monkeypatch, name):
     path, states = tmp_path / "x.search", []
     search = SEARCHES[name]
     whole, best = best_of(search(Work(path=path)), lambda _: states.append(path.read_bytes()))
-    assert len(whole) >= 3 and whole[-1].eta == 0
+    assert len(whole) >= 3
     for state in (states[0], states[1][:-3], states[-1]):
         path.write_bytes(state)
         history, again = best_of(search(Work(path=path, resume=True)))

@@ -52,6 +52,6 @@ def run(args: Namespace) -> None:
             print("no step was finished: nothing is written", file=sys.stderr)
             raise
     finally:
-        job.stop()
+        job.work.stop()
     for line in job.write():
         print(line)

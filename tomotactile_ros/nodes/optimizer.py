@@ -86,7 +86,7 @@ class Optimizer:
     def deactivate(self) -> None:
         """End at once, without the step under way; the best layout so far is written."""
         self._stopped = True
-        self._job.stop()
+        self._job.work.stop()
         try:
             self._end()
         except InputError as error:
@@ -100,8 +100,8 @@ class Optimizer:
         last = self._last
         if last is None:
             return Report(diagnostics.OK, "evaluating the layout to start from")
-        figures: dict[str, float | int | str] = {"step": last.done, "of": self._job.total}
-        return Report(diagnostics.OK, self._progress(last), {**figures, **last.figures})
+        figures = {"step": last.done, "of": self._job.total}
+        return Report(diagnostics.OK, self._progress(last), {**figures})
 
     def _progress(self, stage: Stage) -> str:
         return f"step {stage.done} of {self._job.total}: {stage.note}"

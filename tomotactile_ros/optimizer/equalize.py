@@ -24,13 +24,20 @@ from tomotactile_ros.evaluation.regions import grid_shape, is_simple, quadrilate
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.optimizer.algorithm1 import place_by_displacement, place_in_rings
 from tomotactile_ros.optimizer.orbits import MIRRORS, SWAP, shared_group
-from tomotactile_ros.optimizer.step import Clock, Step
+from tomotactile_ros.optimizer.step import Step, Steps
 from tomotactile_ros.optimizer.work import Work
 from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import InputError
 
-MODELS = {"closed-form": "paper", "fem": "fem", "point-nodes": "point_nodes"}  # of evaluations
-SELECTIONS = ("mean", "worst")  # whose HWHM is the score: all contacts', or the worst region's
+MODELS: dict[str, str] = {
+    "closed-form": "paper",
+    "fem": "fem",
+    "point-nodes": "point_nodes",
+}  # of evaluations
+SELECTIONS: tuple[str, ...] = (
+    "mean",
+    "worst",
+)  # whose HWHM is the score: all contacts', or the worst region's
 _HALVINGS = 6
 _CLOSE = 1e-6  # of the sheet's size: electrodes that a symmetry maps onto each other
 
@@ -66,11 +73,11 @@ def equalize(
             "lower left, whose lines do not cross; use method free"
         )
     symmetries = _symmetries(layout, shape)
-    clock, work = Clock(updates), work or Work()
+    steps, work = Steps(updates), work or Work()
     evaluate = partial(evaluate_layout, **evaluation)
     for iteration in range(updates + 1):
         quality = work.do(evaluate, layout)
-        yield clock.step(iteration, quality, _score(quality, select))
+        yield steps.next(quality, _score(quality, select))
         updated = _update(quality, symmetries) if iteration < updates else None
         if updated is None:
             return

@@ -22,7 +22,7 @@ from tomotactile_ros.optimizer.constraints import Constraints
 from tomotactile_ros.optimizer.objective import DEFAULT_AIMS, Aims, Objective
 from tomotactile_ros.optimizer.orbits import shared_group
 from tomotactile_ros.optimizer.search import Effort, Search, effort_for
-from tomotactile_ros.optimizer.step import Clock, Step
+from tomotactile_ros.optimizer.step import Step, Steps
 from tomotactile_ros.optimizer.work import Work
 from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import doubt
@@ -65,19 +65,19 @@ def free(
     checks.positive(regularization, "regularization", "number")
     objective = Objective(layout, regularization, aims, resolution=resolution)
     effort = effort or effort_for(layout)
-    search, total = Search(objective, constraints, symmetric), effort.total(layout)
-    clock, work = Clock(total), work or Work()
+    search, steps = Search(objective, constraints, symmetric), Steps(effort.total(layout))
+    work = work or Work()
     evaluate = partial(evaluate_layout, regularization=regularization, resolution=resolution)
     score, allowed = objective.score(layout.positions), constraints.kept_by(layout.positions)
     _say_what_is_dropped(search)
     quality = work.do(evaluate, layout)
-    yield clock.step(0, quality, score, allowed)
+    yield steps.next(quality, score, allowed=allowed)
     best = score if allowed else np.inf
-    for iteration, (positions, score) in enumerate(search.run(effort, seed, work), 1):
+    for positions, score in search.run(effort, seed, work):
         if score < best - _SAME:
             best = score
             quality = work.do(evaluate, replace(layout, positions=positions, provenance={}))
-        yield clock.step(iteration, quality, best)
+        yield steps.next(quality, best)
 
 
 def _say_what_is_dropped(search):

@@ -8,19 +8,18 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tomotactile_ros.evaluation.places import CONTACT_RADIUS
 from tomotactile_ros.evaluation.point_spread import LEAST_REGULARIZATION, MOST_CELLS
-from tomotactile_ros.evaluation.posterior import MEMORY, NOISE, SEPARATION, Conditions
+from tomotactile_ros.evaluation.posterior import MEMORY, SEPARATION, Conditions
 from tomotactile_ros.layouts.arrangements import MAX_SPREAD
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.optimizer.constraints import doubts_of
-from tomotactile_ros.optimizer.explore import FEWEST, Choice, answer, explore
+from tomotactile_ros.optimizer.explore import FEWEST, answer, explore
 from tomotactile_ros.optimizer.free import SPACING
 from tomotactile_ros.optimizer.options import (
     EXPLORE,
@@ -34,8 +33,8 @@ from tomotactile_ros.optimizer.options import (
     task_of,
 )
 from tomotactile_ros.optimizer.request import METHODS
-from tomotactile_ros.optimizer.scan import FEW, Chooser, Scan, scans, spread
-from tomotactile_ros.optimizer.step import Step, ratio
+from tomotactile_ros.optimizer.scan import FEW, Chooser, scans, spread
+from tomotactile_ros.optimizer.step import ratio
 from tomotactile_ros.optimizer.work import Work
 from tomotactile_ros.support import checks, memory
 from tomotactile_ros.support.checks import plain
@@ -49,13 +48,11 @@ class Stage:
 
     done : of `Job.total`
     note : how it stands, a few words
-    figures : the same as numbers, by name
     hwhm_map : (H, W) HWHM by contact position of the layout under way, m; None: there is none
     """
 
     done: int
     note: str
-    figures: dict[str, float] = field(default_factory=dict)
     hwhm_map: np.ndarray | None = None
 
 
@@ -73,6 +70,8 @@ class Job:
 
     def __init__(self, values: Mapping[str, Any], mark: str):
         self.values, self.mark = values, mark
+        self.work = Work()  # whoever leaves `stages` stops it
+        self._found: list = []  # stage by stage
         self.start: Layout = start_of(values, mark)
         self.out = Path(values["out"])
         self.report = Path(values["report"] or self.out.with_suffix(".png"))
@@ -85,13 +84,10 @@ class Job:
         """Work; may be left at any time."""
         raise NotImplementedError
 
-    def stop(self) -> None:
-        """End the processes that work; for any thread."""
-
     @property
     def has_result(self) -> bool:
         """Whether there is something to write."""
-        raise NotImplementedError
+        return len(self._found) == self.total
 
     def write(self) -> Iterator[str]:
         """Write layout and picture; lines that say what came of it."""
@@ -111,29 +107,24 @@ class Move(Job):
             electrodes = self.start.electrodes
             memory.check(busy * MEMORY * electrodes, f"{busy} processes at {electrodes} electrodes")
         kept = self.out.with_suffix(".search")
-        self._work = Work(processes, values["backend"], kept, values["resume"])
-        self._history: list[Step] = []
+        self.work = Work(processes, values["backend"], kept, values["resume"])
         self._ended = False
 
-    def stop(self) -> None:
-        self._work.stop()
-
     def stages(self) -> Iterator[Stage]:
-        for step in self.request.steps_of(self._work):
-            self._history.append(step)
-            figures = {"score": step.score, "eta": step.eta}
-            yield Stage(step.iteration, _note(step), figures, step.hwhm_map)
+        for step in self.request.steps_of(self.work):
+            self._found.append(step)
+            yield Stage(step.iteration, _note(step), step.quality.hwhm_map)
         self._ended = True
 
     @property
     def has_result(self) -> bool:
-        return len(self._history) > 1
+        return len(self._found) > 1
 
     def write(self) -> Iterator[str]:
         from tomotactile_ros.optimizer.report import save_report
         from tomotactile_ros.optimizer.touch_report import save_touch_report
 
-        history, request = self._history, self.request
+        history, request = self._found, self.request
         best = [step for step in history if step.best][-1]
         command = command_of(request.method, self.values)
         result = request.result(self.name, history, best, command=command)
@@ -144,7 +135,7 @@ class Move(Job):
         if done < request.total and not self._ended:
             yield f"{self.mark}resume, with the same options, goes on"
         else:
-            self._work.forget()
+            self.work.forget()
         title = f"{self.start.name} -> {self.name}, method {request.method}"
         save = save_report if best.posterior is None else save_touch_report
         save(self.report, history, best, title, request.keep_out)
@@ -169,7 +160,6 @@ class Choose(Job):
         for count in self._counts:
             checks.integer(count, f"{mark}conditions", 1, self.start.electrodes)
         self.total = len(self._counts)
-        self._found: list[Scan] = []
 
     def stages(self) -> Iterator[Stage]:
         self._chooser = Chooser(self.start)
@@ -178,11 +168,7 @@ class Choose(Job):
             self._found.append(scan)
             place = 1e6 * scan.metrics["place"]["mean"]
             note = f"{len(scan.grounded)} rows, place {place:.0f} um"
-            yield Stage(len(self._found), note, {}, scan.quality.hwhm_map)
-
-    @property
-    def has_result(self) -> bool:
-        return len(self._found) == self.total
+            yield Stage(len(self._found), note, scan.quality.hwhm_map)
 
     def write(self) -> Iterator[str]:
         from tomotactile_ros.optimizer.report import save_scans
@@ -227,7 +213,9 @@ class Choose(Job):
         values, mark, count = self.values, self.mark, self.start.electrodes
         name = named("frame_time", mark)
         if values["frame_time"] is None:
-            return values["conditions"] or _halves(count)
+            return values["conditions"] or [
+                count >> k for k in range(max(count.bit_length() - 2, 1))
+            ]
         if values["conditions"]:
             raise InputError(f"{name}: says how many rows there are, as {mark}conditions does")
         time, period = values["frame_time"], values["row_period"]
@@ -255,24 +243,17 @@ class Explore(Job):
         if values["frame_time"] is not None:
             checks.positive(values["frame_time"], named("frame_time", mark), "time in s")
         self.total = len(values[EXPLORE])
-        self._found: list[list[Choice]] = []
 
     def stages(self) -> Iterator[Stage]:
         values, start = self.values, self.start
-        conditions = Conditions(
-            noise=NOISE if values["noise"] is None else values["noise"],
-            radius=CONTACT_RADIUS if values["contact_radius"] is None else values["contact_radius"],
-        )
+        given = {"noise": values["noise"], "radius": values["contact_radius"]}
+        conditions = Conditions(**{key: each for key, each in given.items() if each is not None})
         sheet = start.outline, values[EXPLORE], start.radius, start.sheet_resistance
         for choices in explore(*sheet, values["row_period"], conditions):
             self._found.append(choices)
             whole = choices[-1]
             note = f"{whole.layout.electrodes} electrodes, place {1e6 * whole.place:.0f} um"
             yield Stage(len(self._found), note)
-
-    @property
-    def has_result(self) -> bool:
-        return len(self._found) == self.total
 
     def write(self) -> Iterator[str]:
         from tomotactile_ros.optimizer.touch_report import save_exploration
@@ -313,14 +294,6 @@ def job_of(values: Mapping[str, Any], mark: str = "") -> Job:
     if values["workers"] is not None:
         checks.integer(values["workers"], f"{mark}workers", 1, MOST_PROCESSES)
     return {EXPLORE: Explore, SCAN: Choose}.get(task, Move)(values, mark)
-
-
-def _halves(count):
-    counts = []
-    while count >= 4:
-        counts.append(count)
-        count //= 2
-    return counts or [count]
 
 
 def _note(step):

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
-from tomotactile_ros.evaluation.places import CONTACT_RADIUS, has_room_for_pairs, usual_apart
+from tomotactile_ros.evaluation.places import has_room_for_pairs, usual_apart
 from tomotactile_ros.evaluation.point_spread import LEAST_REGULARIZATION, MOST_CELLS
-from tomotactile_ros.evaluation.posterior import NOISE, Conditions
+from tomotactile_ros.evaluation.posterior import Conditions
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.layouts.region import Region, regular_polygon
 from tomotactile_ros.optimizer.constraints import Constraints
@@ -137,9 +138,12 @@ class Request:
         """Run it; `best_of` stops it and keeps the best. work : who does it; None: this process."""
         work = work or Work()
         work.begin(**self._asked())
-        images = {"regularization": self.regularization, "resolution": self.resolution}
+        images: dict[str, Any] = {
+            "regularization": self.regularization,
+            "resolution": self.resolution,
+        }
         if self.method == "equalize":
-            how = {"select": self.select, "model": MODELS[self.model]}
+            how: dict[str, Any] = {"select": self.select, "model": MODELS[self.model]}
             return equalize(self.layout, self.total, work=work, **how, **images)
         if self.method == "touch":
             return touch(
@@ -212,11 +216,13 @@ class Request:
         return STARTS if self.starts is None else self.starts
 
     def _conditions(self) -> Conditions:
-        return Conditions(
-            noise=NOISE if self.noise is None else self.noise,
-            radius=CONTACT_RADIUS if self.contact_radius is None else self.contact_radius,
-            apart=usual_apart(self.layout) if self.apart is None else self.apart,
-        )
+        given: dict[str, Any] = {
+            "noise": self.noise,
+            "radius": self.contact_radius,
+            "apart": self.apart,
+        }
+        kept = {key: each for key, each in given.items() if each is not None}
+        return Conditions(**{"apart": usual_apart(self.layout), **kept})
 
     def _asked(self) -> dict:
         """Plain values that say which search this is."""

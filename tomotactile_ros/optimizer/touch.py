@@ -35,7 +35,7 @@ from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.optimizer.constraints import Constraints
 from tomotactile_ros.optimizer.moves import keeps_fixed, smooth_moves
 from tomotactile_ros.optimizer.orbits import shared_group
-from tomotactile_ros.optimizer.step import Clock, Step
+from tomotactile_ros.optimizer.step import Step, Steps
 from tomotactile_ros.optimizer.work import Work
 from tomotactile_ros.support import checks
 from tomotactile_ros.support.checks import plain
@@ -242,8 +242,7 @@ def touch(
     """
     conditions = conditions or Conditions(apart=usual_apart(layout))
     _check_fixed(layout, constraints)
-    work = work or Work()
-    clock = Clock(rounds, [2, *(_evaluations(number, starts) for number in range(1, rounds + 1))])
+    work, steps = work or Work(), Steps(rounds)
     if places is None:
         places = int(np.clip(round(_BY_SPACING / np.sqrt(layout.electrodes)), *_PLACES))
     evaluate = partial(evaluate_layout, **evaluation)
@@ -251,7 +250,7 @@ def touch(
     seen, found = work.map(look, (places, places + _UNSEEN))
     judge = TouchObjective(layout, conditions, found.lengths, places + _UNSEEN)
     allowed = constraints.kept_by(layout.positions)
-    yield clock.step(0, work.do(evaluate, layout), 1.0, allowed, found)
+    yield steps.next(work.do(evaluate, layout), 1.0, found, allowed)
     objective = TouchObjective(layout, conditions, seen.lengths, places)
     search = TouchSearch(objective, constraints, radii, symmetric)
     trials = [each for each in work.map(search.first, range(starts)) if each is not None]
@@ -264,7 +263,7 @@ def touch(
     judged = trials  # the starts as they are, too
     known = {_key(layout): (Trial(layout.positions, layout.radius, 1.0), found)}  # at these places
     for number in range(1, rounds + 1):
-        moves = _moves(number)
+        moves = _FIRST_MOVES * 2 ** (number - 1)
         trials = work.map(search.improve, trials, repeat(moves), repeat(_EVALUATIONS + moves))
         trials = sorted(trials, key=lambda each: each.score)[: max(len(trials) // 2, 2)]
         judged = judged + trials if number == 1 else trials
@@ -272,19 +271,7 @@ def touch(
         known |= zip(map(_key, new), work.map(judge.judge, new), strict=True)
         best, found = min((known[_key(each)] for each in judged), key=lambda each: each[0].score)
         moved = replace(layout, positions=best.positions, radius=best.radius, provenance={})
-        yield clock.step(number, work.do(evaluate, moved), best.score, posterior=found)
-
-
-def _moves(number):
-    """Moves of the trials of round `number`."""
-    return _FIRST_MOVES * 2 ** (number - 1)
-
-
-def _evaluations(number, starts):
-    """About so many evaluations there are in round `number`."""
-    trials = starts if number == 1 else min(starts, max(starts // 2 ** (number - 1), 2))
-    first = starts - 1 if number == 1 else 0
-    return first + trials * (_EVALUATIONS + _moves(number))
+        yield steps.next(work.do(evaluate, moved), best.score, found)
 
 
 def _key(electrodes: Layout | Trial) -> tuple[bytes, float]:
