@@ -49,7 +49,8 @@ def run(args: Namespace) -> None:
                 progress.update(stage.done, stage.note)
     except KeyboardInterrupt:
         if not job.has_result:
-            print("no step was finished: nothing is written", file=sys.stderr)
+            on = "; --resume, with the same options, goes on" if moves else ""
+            print(f"no step was finished: nothing is written{on}", file=sys.stderr)
             raise
     finally:
         job.work.stop()
