@@ -86,7 +86,8 @@ class Optimizer:
     def deactivate(self) -> None:
         """End at once, without the step under way; the best layout so far is written."""
         self._stopped = True
-        self._job.work.stop()
+        if self._at_work:
+            self._job.work.stop()
         try:
             self._end()
         except InputError as error:
@@ -120,6 +121,7 @@ class Optimizer:
             elif not self._stopped:  # otherwise what there is has been written
                 self._fail(1, f"{type(error).__name__}: {error}")
         finally:
+            self._job.work.stop()
             rclpy.try_shutdown()  # ends the node
 
     def _end(self) -> None:

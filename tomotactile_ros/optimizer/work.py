@@ -112,6 +112,7 @@ class Work:
         if self._client is not None:
             self._client.close()
         elif self._has_processes:
+            self._has_processes = False
             get_reusable_executor(reuse=True).shutdown(wait=False, kill_workers=True)
 
     def forget(self) -> None:
