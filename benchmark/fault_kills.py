@@ -28,6 +28,7 @@ import yaml
 from nodes import FOLDER, arguments
 
 from tomotactile_ros.bench.program import Table
+from tomotactile_ros.optimizer.work import Work
 
 MARK = "TOMOTACTILE_FAULTS"
 SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGKILL)
@@ -92,6 +93,9 @@ def complaint_about(path: Path) -> str:
         return "" if isinstance(content, dict) and content.get("format") else f"{path.name} is cut"
     if path.suffix == ".json":
         json.loads(path.read_text())
+        return ""
+    if path.suffix == ".search":
+        Work(path=path, resume=True)  # or it complains
         return ""
     return "" if path.is_symlink() else f"{path.name} is left over"
 

@@ -53,7 +53,7 @@ MISTAKES = [
     (f"reconstruction excluded:=[{','.join(map(str, range(64)))}]", "0 of 64 electrodes left"),
     ("reconstruction sensor:=none.yaml", "none.yaml"),
     ("optimizer resolution:=1", "resolution: 1 is not"),
-    ("optimizer method:=equalize seed:=3", "seed: only method free knows it"),
+    ("optimizer method:=equalize seed:=3", "seed: is for method free only"),
     ("optimizer layout:=equal-4x4 rows:=4", "rows: layout has its own"),
     ("optimizer layout:=equal-4x4 out:=/no/such/folder/a.yaml", "/no/such/folder"),
     ("skin", "sensors: needs 1 to 255 different namespaces"),

@@ -16,6 +16,7 @@ from tomotactile_ros.learning.recorded import learn as learn
 from tomotactile_ros.learning.state import SensorState as SensorState
 from tomotactile_ros.optimizer.request import Request as Request
 from tomotactile_ros.optimizer.step import best_of as best_of
+from tomotactile_ros.optimizer.work import Work as Work
 from tomotactile_ros.reconstruction.calibration import fit_contact_law as fit_contact_law
 from tomotactile_ros.reconstruction.calibration import load_calibration as load_calibration
 from tomotactile_ros.reconstruction.calibration import measure_conductance as measure_conductance

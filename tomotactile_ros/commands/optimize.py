@@ -44,12 +44,15 @@ def run(args: Namespace) -> None:
         a, b = job.start.outline.size
         print(f"tomotactile optimize: no --size, taken as {a:g} m x {b:g} m", file=sys.stderr)
     try:
-        with job.workers() as executor, Progress(job.label, job.total) as progress:
-            for stage in job.stages(executor):
+        with Progress(job.label, job.total) as progress:
+            for stage in job.stages():
                 progress.update(stage.done, stage.note)
     except KeyboardInterrupt:
         if not job.has_result:
-            print("no step was finished: nothing is written", file=sys.stderr)
+            on = "; --resume, with the same options, goes on" if moves else ""
+            print(f"no step was finished: nothing is written{on}", file=sys.stderr)
             raise
+    finally:
+        job.work.stop()
     for line in job.write():
         print(line)

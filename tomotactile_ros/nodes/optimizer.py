@@ -21,13 +21,11 @@ from tomotactile_ros.nodes.publishers import publisher
 from tomotactile_ros.nodes.running import BAD_INPUT, PlainNode, run
 from tomotactile_ros.optimizer.jobs import Job, Stage, job_of
 from tomotactile_ros.optimizer.options import EXPLORE, OPTIONS, Option
-from tomotactile_ros.optimizer.workers import Stopped, Workers
 from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.support.files import check_inputs_stay
 
 GRID = 8  # rows and columns of the grid to start from, where nothing is given
 OUT = "optimized.yaml"
-_PATIENCE = 5.0  # s for processes of the search that end
 
 
 def spec_of(option: Option) -> Spec:
@@ -64,7 +62,6 @@ class Optimizer:
         self.status = 0
         self._job: Job  # of `configure`
         self._last: Stage | None = None
-        self._workers: Workers | None = None
         self._thread = threading.Thread(target=self._work, name="optimizer", daemon=True)
         self._lock = threading.Lock()  # nothing is shown or written after the end
         self._at_work = self._stopped = False
@@ -89,14 +86,12 @@ class Optimizer:
     def deactivate(self) -> None:
         """End at once, without the step under way; the best layout so far is written."""
         self._stopped = True
-        if self._workers is not None:
-            self._workers.stop()
+        if self._at_work:
+            self._job.work.stop()
         try:
             self._end()
         except InputError as error:
             self._fail(BAD_INPUT, str(error))
-        if self._workers is not None:
-            self._thread.join(_PATIENCE)
 
     def cleanup(self) -> None:
         """Nothing is left to do."""
@@ -106,30 +101,27 @@ class Optimizer:
         last = self._last
         if last is None:
             return Report(diagnostics.OK, "evaluating the layout to start from")
-        figures: dict[str, float | int | str] = {"step": last.done, "of": self._job.total}
-        return Report(diagnostics.OK, self._progress(last), {**figures, **last.figures})
+        figures = {"step": last.done, "of": self._job.total}
+        return Report(diagnostics.OK, self._progress(last), {**figures})
 
     def _progress(self, stage: Stage) -> str:
         return f"step {stage.done} of {self._job.total}: {stage.note}"
 
     def _work(self) -> None:
         try:
-            with self._job.workers() as workers:
-                self._workers = workers
-                for stage in self._job.stages(workers):
-                    with self._lock:
-                        if not self._at_work:
-                            return
-                        self._show(stage)
-                self._end()
-        except Stopped:
-            pass  # and what there is has been written
-        except InputError as error:
-            self._fail(BAD_INPUT, str(error))
+            for stage in self._job.stages():
+                with self._lock:
+                    if not self._at_work:
+                        return
+                    self._show(stage)
+            self._end()
         except Exception as error:  # noqa: BLE001 - a thread has nobody to raise it to
-            if not self._stopped:
+            if isinstance(error, InputError):
+                self._fail(BAD_INPUT, str(error))
+            elif not self._stopped:  # otherwise what there is has been written
                 self._fail(1, f"{type(error).__name__}: {error}")
         finally:
+            self._job.work.stop()
             rclpy.try_shutdown()  # ends the node
 
     def _end(self) -> None:

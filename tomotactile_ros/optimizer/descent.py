@@ -1,5 +1,4 @@
-"""Two searches that keep their whole state in small objects, so that they can be stopped, resumed
-and sent.
+"""Two searches that keep their whole state in small objects, so that they can be sent and kept.
 
 `Descending` follows a gradient that jumps a little (contacts change the pixels that count): L-BFGS-B
 of `scipy.optimize` (Byrd, Lu, Nocedal and Zhu 1995) in a box about the best. `Probing` needs only
@@ -13,8 +12,6 @@ from collections.abc import Callable
 
 import numpy as np
 from scipy.optimize import minimize
-
-from tomotactile_ros.optimizer.checkpoint import numbers
 
 _BOX = 8.0  # steps to each side: the first box of L-BFGS-B
 _SMALLEST = 0.1  # steps: boxes below it are not searched
@@ -40,25 +37,6 @@ class Descending:
         self._gradient = np.zeros_like(self.best)
         self._box = _BOX * step
         self._smallest = _SMALLEST * step
-
-    def plain(self) -> dict:
-        """The whole state, plain values."""
-        return {
-            "best": self.best.tolist(),
-            "score": self.score,
-            "gradient": self._gradient.tolist(),
-            "box": self._box,
-        }
-
-    @classmethod
-    def read(cls, plain: dict, count: int, step: float) -> Descending:
-        """From plain values and `count` parameters; ValueError, KeyError or TypeError where they are
-        no such state."""
-        search = cls(numbers(plain, "best", (count,)), step)
-        search.score = float(numbers(plain, "score"))
-        search._gradient = numbers(plain, "gradient", (count,))
-        search._box = float(numbers(plain, "box"))
-        return search
 
     def run(self, value_and_gradient: Callable, feasible: Callable, evaluations: int) -> None:
         """So many more evaluations, or fewer where the search is at its end.
@@ -128,28 +106,6 @@ class Probing:
         self._order = random.permutation(len(self.best))
         self._signs = random.choice([-1.0, 1.0], len(self.best))
         self._begin()
-
-    def plain(self) -> dict:
-        """The whole state, but for what comes of the seed; plain values."""
-        return {
-            "best": self.best.tolist(),
-            "score": self.score,
-            "reach": self._reach,
-            "start": self._start.tolist(),
-            "first": self._first,
-            "known": [[*moves, score] for moves, score in self._known.items()],
-        }
-
-    @classmethod
-    def read(cls, plain: dict, count: int, step: float, seed=0) -> Probing:
-        """From plain values and `count` parameters; ValueError, KeyError or TypeError where they are
-        no such state."""
-        score, reach, first = (float(numbers(plain, name)) for name in ("score", "reach", "first"))
-        search = cls(numbers(plain, "best", (count,)), score, step, reach, seed)
-        search._start, search._first = numbers(plain, "start", (count,)), first
-        known = numbers(plain, "known", (None, count + 1)).tolist()
-        search._known = {tuple(moves): score for *moves, score in known}
-        return search
 
     def run(self, attempt: Callable, evaluations: int) -> None:
         """So many more evaluations, or fewer where the search is at its end.

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -22,14 +23,21 @@ from tomotactile_ros.evaluation.layout_quality import evaluate_layout
 from tomotactile_ros.evaluation.regions import grid_shape, is_simple, quadrilaterals
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.optimizer.algorithm1 import place_by_displacement, place_in_rings
-from tomotactile_ros.optimizer.checkpoint import Checkpoint, Trial
 from tomotactile_ros.optimizer.orbits import MIRRORS, SWAP, shared_group
-from tomotactile_ros.optimizer.step import Clock, Step, after_resuming
+from tomotactile_ros.optimizer.step import Step, Steps
+from tomotactile_ros.optimizer.work import Work
 from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import InputError
 
-MODELS = {"closed-form": "paper", "fem": "fem", "point-nodes": "point_nodes"}  # of evaluations
-SELECTIONS = ("mean", "worst")  # whose HWHM is the score: all contacts', or the worst region's
+MODELS: dict[str, str] = {
+    "closed-form": "paper",
+    "fem": "fem",
+    "point-nodes": "point_nodes",
+}  # of evaluations
+SELECTIONS: tuple[str, ...] = (
+    "mean",
+    "worst",
+)  # whose HWHM is the score: all contacts', or the worst region's
 _HALVINGS = 6
 _CLOSE = 1e-6  # of the sheet's size: electrodes that a symmetry maps onto each other
 
@@ -39,7 +47,7 @@ def equalize(
     updates: int = 5,
     *,
     select: str = SELECTIONS[0],
-    checkpoint: Checkpoint | None = None,
+    work: Work | None = None,
     **evaluation,
 ) -> Iterator[Step]:
     """Equalize the resolution of a grid of electrodes.
@@ -49,11 +57,11 @@ def equalize(
     layout : R x C electrodes on any outline, row by row from the lower left
     updates : how many; every one costs one evaluation
     select : one of `SELECTIONS`
-    checkpoint : where the state is kept after every update, and taken from
+    work : keeps what was evaluated
     evaluation : keywords of `evaluate_layout`
 
     Yields the start and every update. Ends early where no valid layout is left in the wanted
-    direction. A search that goes on yields the start and the best of the updates that are done.
+    direction.
 
     Raises InputError for layouts that the method cannot treat.
     """
@@ -65,33 +73,15 @@ def equalize(
             "lower left, whose lines do not cross; use method free"
         )
     symmetries = _symmetries(layout, shape)
-    state = None if checkpoint is None else checkpoint.taken(updates, layout.electrodes)
-    done = 0 if state is None else state.done
-    clock = Clock(updates, after_resuming(updates, done))
-
-    def moved(positions):
-        return evaluate_layout(replace(layout, positions=positions), **evaluation)
-
-    quality = evaluate_layout(layout, **evaluation)
-    yield clock.step(0, quality, _score(quality, select))
-    best = Trial(layout.positions, layout.radius, np.inf)
-    if state is not None:
-        best = state.best
-        quality = moved(best.positions)
-        yield clock.step(done, quality, best.score)
-        last = state.trials[0].positions
-        if not np.array_equal(last, best.positions):
-            quality = moved(last)
-    for iteration in range(done + 1, updates + 1):
-        updated = _update(quality, symmetries)
+    steps, work = Steps(updates), work or Work()
+    evaluate = partial(evaluate_layout, **evaluation)
+    for iteration in range(updates + 1):
+        quality = work.do(evaluate, layout)
+        yield steps.next(quality, _score(quality, select))
+        updated = _update(quality, symmetries) if iteration < updates else None
         if updated is None:
             return
-        quality = evaluate_layout(updated, **evaluation)
-        last = Trial(updated.positions, updated.radius, _score(quality, select))
-        best = min(best, last, key=lambda each: each.score)
-        if checkpoint is not None:
-            checkpoint.keep(iteration, [last], best)
-        yield clock.step(iteration, quality, last.score)
+        layout = updated
 
 
 def _score(quality, select):

@@ -21,7 +21,6 @@ from tomotactile_ros.optimizer.scan import Chooser
 from tomotactile_ros.support import checks
 
 FEWEST = 4  # electrodes
-FEWEST_ROWS = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +54,7 @@ def explore(
         layout = layout_of(count, outline, radius, sheet_resistance)
         chooser = Chooser(layout, conditions)
         found = []
-        for rows in _numbers(count):
+        for rows in (*(2**k for k in range(1, (count - 1).bit_length())), count):
             chosen = list(range(count)) if rows == count else chooser.best(rows)
             place, force = chooser.information.figures(chosen)
             mean, tenth = float(place.mean()), worst(place)
@@ -85,12 +84,3 @@ def answer(
         and (frame_time is None or each.frame_time <= frame_time * (1 + 1e-9))
     ]
     return min(good, key=lambda each: (each.layout.electrodes, len(each.rows)), default=None)
-
-
-def _numbers(count: int) -> list[int]:
-    """2, 4, 8, ... below `count`, and `count`."""
-    numbers, rows = [], FEWEST_ROWS
-    while rows < count:
-        numbers.append(rows)
-        rows *= 2
-    return [*numbers, count]

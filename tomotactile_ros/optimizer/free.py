@@ -10,7 +10,6 @@ it from the layout. How it searches: see `search`.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from concurrent.futures import Executor
 from dataclasses import replace
 from functools import partial
 
@@ -19,12 +18,12 @@ import numpy as np
 from tomotactile_ros.evaluation.layout_quality import evaluate_layout
 from tomotactile_ros.evaluation.point_spread import REGULARIZATION, RESOLUTION
 from tomotactile_ros.layouts.layout import Layout
-from tomotactile_ros.optimizer.checkpoint import Checkpoint, Trial
 from tomotactile_ros.optimizer.constraints import Constraints
 from tomotactile_ros.optimizer.objective import DEFAULT_AIMS, Aims, Objective
 from tomotactile_ros.optimizer.orbits import shared_group
 from tomotactile_ros.optimizer.search import Effort, Search, effort_for
-from tomotactile_ros.optimizer.step import Clock, Step, after_resuming
+from tomotactile_ros.optimizer.step import Step, Steps
+from tomotactile_ros.optimizer.work import Work
 from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import doubt
 
@@ -41,8 +40,7 @@ def free(
     symmetric: bool = True,
     effort: Effort | None = None,
     seed: int = 0,
-    executor: Executor | None = None,
-    checkpoint: Checkpoint | None = None,
+    work: Work | None = None,
     resolution: int = RESOLUTION,
 ) -> Iterator[Step]:
     """Search for a better layout.
@@ -54,13 +52,11 @@ def free(
     aims : what each figure should come to
     constraints : by default only a spacing of 2.2 radii
     symmetric : keep the symmetries that layout and outline share
-    executor : any `concurrent.futures` executor; the result does not depend on it
-    checkpoint : where the state is kept after every round and probe, and taken from
+    work : who does it; the result does not depend on that
     resolution : contact positions along the longer side
 
     Yields the start (iteration 0) and the best layout after each round and probe; its score is
-    1 for the aims, lower is better. A search that goes on yields the start and the best of what is
-    done.
+    1 for the aims, lower is better.
 
     Raises InputError for constraints that cannot be met.
     """
@@ -69,35 +65,19 @@ def free(
     checks.positive(regularization, "regularization", "number")
     objective = Objective(layout, regularization, aims, resolution=resolution)
     effort = effort or effort_for(layout)
-    search, total = Search(objective, constraints, symmetric), effort.total(layout)
-    state = None
-    if checkpoint is not None:
-        read = partial(search.read, effort, seed)
-        state = checkpoint.taken(total, layout.electrodes, read)
-    done = 0 if state is None else state.done
-    clock = Clock(total, after_resuming(total, done))
-    best = Trial(layout.positions, layout.radius, objective.score(layout.positions))
-    allowed = constraints.kept_by(best.positions)
+    search, steps = Search(objective, constraints, symmetric), Steps(effort.total(layout))
+    work = work or Work()
+    evaluate = partial(evaluate_layout, regularization=regularization, resolution=resolution)
+    score, allowed = objective.score(layout.positions), constraints.kept_by(layout.positions)
     _say_what_is_dropped(search)
-    quality = partial(evaluate_layout, regularization=regularization, resolution=resolution)
-
-    def moved():
-        return quality(replace(layout, positions=best.positions, provenance={}))
-
-    yield clock.step(0, quality(layout), best.score, allowed)
-    if not allowed:
-        best = replace(best, score=np.inf)
-    if state is not None:
-        best = state.best
-        yield clock.step(done, moved(), best.score)
-    spread = map if executor is None else executor.map
-    found = search.run(effort, seed, spread, state)
-    for iteration, (positions, score, trials) in enumerate(found, done + 1):
-        if score < best.score - _SAME:
-            best = replace(best, positions=positions, score=score)
-        if checkpoint is not None:
-            checkpoint.keep(iteration, trials, best)
-        yield clock.step(iteration, moved(), best.score)
+    quality = work.do(evaluate, layout)
+    yield steps.next(quality, score, allowed=allowed)
+    best = score if allowed else np.inf
+    for positions, score in search.run(effort, seed, work):
+        if score < best - _SAME:
+            best = score
+            quality = work.do(evaluate, replace(layout, positions=positions, provenance={}))
+        yield steps.next(quality, best)
 
 
 def _say_what_is_dropped(search):

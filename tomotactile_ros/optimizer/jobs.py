@@ -8,22 +8,18 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping
-from concurrent.futures import Executor
-from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tomotactile_ros.evaluation.places import CONTACT_RADIUS
 from tomotactile_ros.evaluation.point_spread import LEAST_REGULARIZATION, MOST_CELLS
-from tomotactile_ros.evaluation.posterior import MEMORY, NOISE, SEPARATION, Conditions
+from tomotactile_ros.evaluation.posterior import MEMORY, SEPARATION, Conditions
 from tomotactile_ros.layouts.arrangements import MAX_SPREAD
 from tomotactile_ros.layouts.layout import Layout
-from tomotactile_ros.optimizer.checkpoint import state_file_of
 from tomotactile_ros.optimizer.constraints import doubts_of
-from tomotactile_ros.optimizer.explore import FEWEST, Choice, answer, explore
+from tomotactile_ros.optimizer.explore import FEWEST, answer, explore
 from tomotactile_ros.optimizer.free import SPACING
 from tomotactile_ros.optimizer.options import (
     EXPLORE,
@@ -37,9 +33,9 @@ from tomotactile_ros.optimizer.options import (
     task_of,
 )
 from tomotactile_ros.optimizer.request import METHODS
-from tomotactile_ros.optimizer.scan import FEW, Chooser, Scan, scans, spread
-from tomotactile_ros.optimizer.step import Step, ratio
-from tomotactile_ros.optimizer.workers import Workers
+from tomotactile_ros.optimizer.scan import FEW, Chooser, scans, spread
+from tomotactile_ros.optimizer.step import ratio
+from tomotactile_ros.optimizer.work import Work
 from tomotactile_ros.support import checks, memory
 from tomotactile_ros.support.checks import plain
 from tomotactile_ros.support.errors import InputError
@@ -52,13 +48,11 @@ class Stage:
 
     done : of `Job.total`
     note : how it stands, a few words
-    figures : the same as numbers, by name
     hwhm_map : (H, W) HWHM by contact position of the layout under way, m; None: there is none
     """
 
     done: int
     note: str
-    figures: dict[str, float] = field(default_factory=dict)
     hwhm_map: np.ndarray | None = None
 
 
@@ -73,30 +67,27 @@ class Job:
 
     label = ""  # of the progress
     total = 1  # stages, that of the start not counted
-    processes = 1  # that can be of use
 
     def __init__(self, values: Mapping[str, Any], mark: str):
         self.values, self.mark = values, mark
+        self.work = Work()  # whoever leaves `stages` stops it
+        self._found: list = []  # stage by stage
         self.start: Layout = start_of(values, mark)
         self.out = Path(values["out"])
         self.report = Path(values["report"] or self.out.with_suffix(".png"))
-        self.name = values["name"] or self.out.stem
+        self.name = self.out.stem
         check_out(values["out"], *YAML)
         check_picture(self.report)
         replace(self.start, name=self.name)  # refuses a name that the layout cannot have
 
-    def workers(self) -> AbstractContextManager:
-        """A context with the executor for `stages`, or None where one process does."""
-        return Workers(self.processes) if self.processes > 1 else nullcontext()
-
-    def stages(self, executor: Executor | None = None) -> Iterator[Stage]:
+    def stages(self) -> Iterator[Stage]:
         """Work; may be left at any time."""
         raise NotImplementedError
 
     @property
     def has_result(self) -> bool:
         """Whether there is something to write."""
-        raise NotImplementedError
+        return len(self._found) == self.total
 
     def write(self) -> Iterator[str]:
         """Write layout and picture; lines that say what came of it."""
@@ -108,34 +99,32 @@ class Move(Job):
 
     def __init__(self, values: Mapping[str, Any], mark: str):
         super().__init__(values, mark)
-        state_file = state_file_of(values["out"])
-        self.request = request_of(self.start, values["method"], values, state_file)
+        self.request = request_of(self.start, values["method"], values)
         self.label, self.total = self.request.method, self.request.total
-        if self.label != "equalize":
-            self.processes = values["workers"] or os.cpu_count() or 1
-        if self.label == "touch":
-            busy = min(self.processes, max(self.request.total_starts, 2))  # two look at the start
+        processes = values["workers"] or os.cpu_count() or 1
+        if self.label == "touch" and not values["backend"]:
+            busy = min(processes, max(self.request.total_starts, 2))  # two look at the start
             electrodes = self.start.electrodes
             memory.check(busy * MEMORY * electrodes, f"{busy} processes at {electrodes} electrodes")
-        self._history: list[Step] = []
+        kept = self.out.with_suffix(".search")
+        self.work = Work(processes, values["backend"], kept, values["resume"])
         self._ended = False
 
-    def stages(self, executor: Executor | None = None) -> Iterator[Stage]:
-        for step in self.request.steps_of(executor):
-            self._history.append(step)
-            figures = {"score": step.score, "eta": step.eta}
-            yield Stage(step.iteration, _note(step), figures, step.hwhm_map)
+    def stages(self) -> Iterator[Stage]:
+        for step in self.request.steps_of(self.work):
+            self._found.append(step)
+            yield Stage(step.iteration, _note(step), step.quality.hwhm_map)
         self._ended = True
 
     @property
     def has_result(self) -> bool:
-        return len(self._history) > 1
+        return len(self._found) > 1
 
     def write(self) -> Iterator[str]:
         from tomotactile_ros.optimizer.report import save_report
         from tomotactile_ros.optimizer.touch_report import save_touch_report
 
-        history, request = self._history, self.request
+        history, request = self._found, self.request
         best = [step for step in history if step.best][-1]
         command = command_of(request.method, self.values)
         result = request.result(self.name, history, best, command=command)
@@ -145,8 +134,8 @@ class Move(Job):
             yield f"ended after {done} of {request.total} steps; the best so far is kept"
         if done < request.total and not self._ended:
             yield f"{self.mark}resume, with the same options, goes on"
-        elif request.state_file is not None:
-            request.state_file.unlink(missing_ok=True)  # there is nothing to go on with
+        else:
+            self.work.forget()
         title = f"{self.start.name} -> {self.name}, method {request.method}"
         save = save_report if best.posterior is None else save_touch_report
         save(self.report, history, best, title, request.keep_out)
@@ -171,20 +160,15 @@ class Choose(Job):
         for count in self._counts:
             checks.integer(count, f"{mark}conditions", 1, self.start.electrodes)
         self.total = len(self._counts)
-        self._found: list[Scan] = []
 
-    def stages(self, executor: Executor | None = None) -> Iterator[Stage]:
+    def stages(self) -> Iterator[Stage]:
         self._chooser = Chooser(self.start)
         how = {key: self.values[key] for key in ("regularization", "resolution")}
         for scan in scans(self.start, self._counts, self._chooser, **how):
             self._found.append(scan)
             place = 1e6 * scan.metrics["place"]["mean"]
             note = f"{len(scan.grounded)} rows, place {place:.0f} um"
-            yield Stage(len(self._found), note, {}, scan.quality.hwhm_map)
-
-    @property
-    def has_result(self) -> bool:
-        return len(self._found) == self.total
+            yield Stage(len(self._found), note, scan.quality.hwhm_map)
 
     def write(self) -> Iterator[str]:
         from tomotactile_ros.optimizer.report import save_scans
@@ -229,7 +213,9 @@ class Choose(Job):
         values, mark, count = self.values, self.mark, self.start.electrodes
         name = named("frame_time", mark)
         if values["frame_time"] is None:
-            return values["conditions"] or _halves(count)
+            return values["conditions"] or [
+                count >> k for k in range(max(count.bit_length() - 2, 1))
+            ]
         if values["conditions"]:
             raise InputError(f"{name}: says how many rows there are, as {mark}conditions does")
         time, period = values["frame_time"], values["row_period"]
@@ -257,24 +243,17 @@ class Explore(Job):
         if values["frame_time"] is not None:
             checks.positive(values["frame_time"], named("frame_time", mark), "time in s")
         self.total = len(values[EXPLORE])
-        self._found: list[list[Choice]] = []
 
-    def stages(self, executor: Executor | None = None) -> Iterator[Stage]:
+    def stages(self) -> Iterator[Stage]:
         values, start = self.values, self.start
-        conditions = Conditions(
-            noise=NOISE if values["noise"] is None else values["noise"],
-            radius=CONTACT_RADIUS if values["contact_radius"] is None else values["contact_radius"],
-        )
+        given = {"noise": values["noise"], "radius": values["contact_radius"]}
+        conditions = Conditions(**{key: each for key, each in given.items() if each is not None})
         sheet = start.outline, values[EXPLORE], start.radius, start.sheet_resistance
         for choices in explore(*sheet, values["row_period"], conditions):
             self._found.append(choices)
             whole = choices[-1]
             note = f"{whole.layout.electrodes} electrodes, place {1e6 * whole.place:.0f} um"
             yield Stage(len(self._found), note)
-
-    @property
-    def has_result(self) -> bool:
-        return len(self._found) == self.total
 
     def write(self) -> Iterator[str]:
         from tomotactile_ros.optimizer.touch_report import save_exploration
@@ -310,17 +289,11 @@ def job_of(values: Mapping[str, Any], mark: str = "") -> Job:
     be."""
     task = task_of(values)
     refuse_unknown(task, values, mark)
+    if values["workers"] is not None and values["backend"] is not None:
+        raise InputError(f"{mark}workers: {mark}backend has its own, give only one")
     if values["workers"] is not None:
         checks.integer(values["workers"], f"{mark}workers", 1, MOST_PROCESSES)
     return {EXPLORE: Explore, SCAN: Choose}.get(task, Move)(values, mark)
-
-
-def _halves(count):
-    counts = []
-    while count >= 4:
-        counts.append(count)
-        count //= 2
-    return counts or [count]
 
 
 def _note(step):

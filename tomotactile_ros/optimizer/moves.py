@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tomotactile_ros.optimizer.orbits import find_orbits
+from tomotactile_ros.optimizer.orbits import find_orbits, maps_onto
 
 _DEGREE = 20  # polynomials of higher degree are alike at the electrodes
 _NEW = 1e-4  # part of a field that the moves before it do not have
@@ -22,16 +22,8 @@ _NEW = 1e-4  # part of a field that the moves before it do not have
 def keeps_fixed(group: np.ndarray, positions: np.ndarray, fixed: Sequence[int]) -> np.ndarray:
     """Those of `group` (g, 2, 2) that map the fixed electrodes of `positions` (E, 2) onto fixed
     ones: others would ask for mirror images of what cannot move."""
-    if not len(fixed):
-        return group
-    held = positions[list(fixed)]
-    close = 1e-6 * np.abs(positions).max()
-    kept = []
-    for element in group:
-        away = np.linalg.norm((held @ element.T)[:, None] - held, axis=2).min(axis=1)
-        if away.max() < close:
-            kept.append(element)
-    return np.array(kept)
+    held, close = positions[list(fixed)], 1e-6 * np.abs(positions).max()
+    return np.array([each for each in group if maps_onto(held, each, close)])
 
 
 def smooth_moves(

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 from tomotactile_ros.evaluation.places import CONTACT_RADIUS
@@ -21,11 +20,7 @@ from tomotactile_ros.layouts.arrangements import (
     spread_electrodes,
     usual_radius,
 )
-from tomotactile_ros.layouts.layout import (
-    Layout,
-    equal_grid,
-    load_layout,
-)
+from tomotactile_ros.layouts.layout import Layout, equal_grid, load_layout
 from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.optimizer.equalize import MODELS, SELECTIONS
 from tomotactile_ros.optimizer.objective import DEFAULT_AIMS, Aims
@@ -35,8 +30,7 @@ from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import InputError, doubt
 
 SCAN, EXPLORE = "scan", "explore"  # what else can be done: rows chosen, numbers compared
-_OF_OLD = {**ALIASES, "grounding": SCAN}  # other names of methods
-NAMES = (*METHODS, SCAN, *_OF_OLD)
+NAMES = (*METHODS, SCAN, *ALIASES)
 _MOVING = "touch", "free"  # methods that move electrodes one by one
 _IMAGES = (*METHODS, SCAN)  # those that judge images
 PLACE = 0.002  # m
@@ -106,18 +100,22 @@ RESULT = (
         "method",
         str,
         "touch (default): contacts best known; equalize (or paper): the paper's; free: least blur; "
-        "scan (or grounding): which electrodes to ground, and in which order",
+        "scan: which electrodes to ground, and in which order",
         METHODS[0],
         choices=NAMES,
     ),
     Option("out", str, "Layout file (.yaml) to write"),
     Option("report", str, "Picture (.png) to write (default: beside the layout)"),
-    Option("name", str, "Of the layout (default: that of the file)"),
     Option(
         "workers",
         int,
         "Processes of the search (default: one for each processor)",
         high=MOST_PROCESSES,
+    ),
+    Option(
+        "backend",
+        str,
+        "Scheduler of dask whose workers search, on any machines, instead: dask://HOST:PORT",
     ),
 )
 START = (
@@ -302,32 +300,6 @@ SEARCH = (
 OPTIONS = (*RESULT, *START, *SEARCH)
 
 
-def start_layout(
-    rows: int,
-    cols: int,
-    size: tuple[float, float],
-    radius: float | None = None,
-    sheet_resistance: float = 1e4,
-    inset: float = 0.0,
-    unusual_size: bool = False,
-) -> Layout:
-    """The equal grid, its outermost centres `inset` (m) from the rim.
-
-    Electrodes have 5 mm up to 4 x 4 and 2.5 mm beyond, as in the paper, where there is room for
-    them, otherwise a tenth of the pitch.
-    """
-    if radius is None:
-        checks.integer(rows, "rows", 2, 256)
-        checks.integer(cols, "cols", 2, 256)
-        a, b = checks.pair(size, "size", "length in m")
-        pitch = min(
-            checks.length(a, "size[0]") / (cols - 1), checks.length(b, "size[1]") / (rows - 1)
-        )
-        radius = usual_radius(pitch, max(rows, cols) <= 4)
-    grid = rows, cols, size, radius, sheet_resistance, inset
-    return equal_grid(*grid, unusual_size=unusual_size)
-
-
 def start_of(values: Mapping[str, Any], mark: str = "") -> Layout:
     """The layout to start from, by the values of `START`; complaints put `mark` before names."""
     if values["layout"] is not None:
@@ -343,21 +315,24 @@ def start_of(values: Mapping[str, Any], mark: str = "") -> Layout:
 
 
 def _grid(values, mark):
-    if values["rows"] is None or values["cols"] is None:
+    """Electrodes have 5 mm up to 4 x 4 and 2.5 mm beyond, as in the paper, where there is room for
+    them, otherwise a tenth of the pitch."""
+    rows, cols, size = values["rows"], values["cols"], values["size"] or USUAL_SIZE
+    if rows is None or cols is None:
         raise InputError(
             f"{mark}rows and {mark}cols, or {mark}layout, or {mark}electrodes, are needed"
         )
     if values["circle"] is not None:
         raise InputError(f"{mark}circle: has no rows and columns, give {mark}electrodes")
-    return start_layout(
-        values["rows"],
-        values["cols"],
-        values["size"] or USUAL_SIZE,
-        values["radius"],
-        values["sheet_resistance"],
-        values["inset"],
-        values["unusual_size"],
-    )
+    radius = values["radius"]
+    if radius is None:
+        checks.integer(rows, "rows", 2, 256)
+        checks.integer(cols, "cols", 2, 256)
+        a, b = checks.pair(size, "size", "length in m")
+        pitch = checks.length(a, "size[0]") / (cols - 1), checks.length(b, "size[1]") / (rows - 1)
+        radius = usual_radius(min(pitch), max(rows, cols) <= 4)
+    grid = rows, cols, size, radius, values["sheet_resistance"], values["inset"]
+    return equal_grid(*grid, unusual_size=values["unusual_size"])
 
 
 def _spread(values, mark, layout: Layout | None = None):
@@ -380,13 +355,8 @@ def _spread(values, mark, layout: Layout | None = None):
     return spread if layout is None else replace(spread, surface=layout.surface)
 
 
-def request_of(
-    layout: Layout, method: str, values: Mapping[str, Any], state_file: Path | None = None
-) -> Request:
-    """What to do with `layout`, by the values of `SEARCH`; its scan is that of other places.
-
-    state_file : where a search keeps its state after every step
-    """
+def request_of(layout: Layout, method: str, values: Mapping[str, Any]) -> Request:
+    """What to do with `layout`, by the values of `SEARCH`; its scan is that of other places."""
     if layout.scan:
         doubt("layout: its scan is left out, it was chosen for where the electrodes are")
         layout = replace(layout, scan=())
@@ -410,8 +380,6 @@ def request_of(
         noise=values["noise"],
         contact_radius=values["contact_radius"],
         apart=values["apart"],
-        resume=values["resume"],
-        state_file=state_file,
     )
 
 
@@ -422,19 +390,17 @@ def refuse_unknown(task: str, values: Mapping[str, Any], mark: str = "") -> None
         value = values[option.name]
         given = bool(value) if option.repeated else value != option.default
         if given and option.methods and task not in option.methods:
-            methods = [each for each in option.methods if each != EXPLORE]
-            words = f"method{'s' * (len(methods) > 1)} {' and '.join(methods)}" if methods else ""
-            if EXPLORE in option.methods:
-                words += f"{' and ' * bool(methods)}{mark}{EXPLORE}"
-            verb = "knows" if len(option.methods) == 1 else "know"
-            raise InputError(f"{named(option.name, mark)}: only {words} {verb} it")
+            words = " and ".join(
+                mark + EXPLORE if each == EXPLORE else f"method {each}" for each in option.methods
+            )
+            raise InputError(f"{named(option.name, mark)}: is for {words} only")
 
 
 def task_of(values: Mapping[str, Any]) -> str:
     """What is to be done: a method that moves electrodes, `scan` or `explore`."""
     if values[EXPLORE]:
         return EXPLORE
-    return _OF_OLD.get(values["method"], values["method"])
+    return ALIASES.get(values["method"], values["method"])
 
 
 def command_of(method: str, values: Mapping[str, Any]) -> str:

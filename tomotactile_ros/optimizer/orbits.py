@@ -40,8 +40,13 @@ def shared_group(
 ) -> np.ndarray:
     """(g, 2, 2) mirrors of x and y, and swaps, that outline, electrodes (E, 2) and zones share."""
 
+    sets = [np.asarray(positions, float)]  # of points, of zones the corners
+    if zones:
+        sets.append(np.concatenate([zone.shell for zone in zones]))
+
     def shared(element):
-        return _keeps(outline, positions, element) and _keeps_zones(outline, zones, element)
+        near = _CLOSE * max(outline.size)
+        return all(maps_onto(each, element, near) for each in sets) and _rim_stays(outline, element)
 
     group = [each for each in MIRRORS if shared(each)]
     if len(group) == 4 and shared(SWAP):
@@ -77,23 +82,14 @@ def find_orbits(positions, group) -> Orbits:
     return Orbits(np.array(columns).reshape(-1, 2 * count).T)
 
 
-def _keeps(outline, positions, element):
-    """Whether an element maps outline and electrodes onto themselves."""
-    close = _CLOSE * max(outline.size)
-    positions = np.asarray(positions, float)
-    images = positions @ element.T
-    if np.linalg.norm(images[:, None] - positions, axis=2).min(axis=1).max() > close:
-        return False
+def maps_onto(points: np.ndarray, element: np.ndarray, close: float) -> bool:
+    """Whether an element maps `points` (n, 2) onto each other, within `close` (m)."""
+    away = cKDTree(points).query(points @ element.T)[0] if len(points) else np.zeros(1)
+    return bool(away.max() < close)
+
+
+def _rim_stays(outline, element):
     rings = [outline.shell, *outline.holes]
     points = np.concatenate([*rings, *((ring + np.roll(ring, 1, axis=0)) / 2 for ring in rings)])
     moved = outline.rim_distance(points @ element.T)
-    return bool(np.abs(moved - outline.rim_distance(points)).max() < close)
-
-
-def _keeps_zones(outline, zones, element):
-    """Whether an element maps the zones onto each other: the corners of all onto corners."""
-    if not zones:
-        return True
-    corners = np.concatenate([zone.shell for zone in zones])
-    away = cKDTree(corners).query(corners @ element.T)[0]
-    return bool(away.max() < _CLOSE * max(outline.size))
+    return np.abs(moved - outline.rim_distance(points)).max() < _CLOSE * max(outline.size)

@@ -7,10 +7,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.optimizer.scan import Scan
 from tomotactile_ros.optimizer.step import Step, ratio
 from tomotactile_ros.support.files import save_figure
 
+Zones = Sequence[tuple[float, float, float]]  # (x, y, radius) of discs
 _LEGEND = (
     "Each cell of a map is a contact that was put there alone. HWHM: half width at half maximum of its "
     "image. Position error: from the contact to the middle of its image.\n"
@@ -26,11 +28,7 @@ _SCAN_LEGEND = (
 
 
 def save_report(
-    path: str | os.PathLike,
-    history: Sequence[Step],
-    best: Step,
-    title: str,
-    keep_out: Sequence[tuple[float, float, float]] = (),
+    path: str | os.PathLike, history: Sequence[Step], best: Step, title: str, keep_out: Zones = ()
 ) -> None:
     """Write a picture: the start above, the best step below, the history beside them.
 
@@ -48,7 +46,7 @@ def save_report(
     for column, (label, pick) in enumerate(
         (("HWHM", "hwhm_map"), ("position error", "position_error_map"))
     ):
-        maps = [1e3 * getattr(step, pick) for step in (start, best)]
+        maps = [1e3 * getattr(step.quality, pick) for step in (start, best)]
         top = max(np.nanmax(each) for each in maps)
         for row, (step, values) in enumerate(zip((start, best), maps)):
             when = "before" if row == 0 else f"after (step {best.iteration})"
@@ -75,33 +73,31 @@ def _map(axes, layout, values, top, keep_out):
     image = axes.imshow(
         values, extent=(xmin, xmax, ymin, ymax), origin="upper", cmap="viridis", vmin=0, vmax=top
     )
-    for ring in (layout.outline.shell, *layout.outline.holes):
-        axes.plot(*(1e3 * np.vstack([ring, ring[:1]]).T), color="0.3", linewidth=1)
-    _discs(axes, layout)
-    _zones(axes, keep_out)
-    pad = 0.04 * max(xmax - xmin, ymax - ymin)
-    axes.set(xlim=(xmin - pad, xmax + pad), ylim=(ymin - pad, ymax + pad), aspect="equal")
-    axes.set_xlabel("x / mm")
-    axes.set_ylabel("y / mm")
+    draw_sheet(axes, layout, "white", keep_out)
     return image
 
 
-def _discs(axes, layout):
-    """Electrodes to scale."""
+def draw_rim(axes, layout: Layout) -> None:
+    """The sheet's rim and that of its holes, mm."""
+    for ring in (layout.outline.shell, *layout.outline.holes):
+        axes.plot(*(1e3 * np.vstack([ring, ring[:1]]).T), color="0.3", linewidth=1)
+    axes.set(aspect="equal", xlabel="x / mm", ylabel="y / mm")
+
+
+def draw_sheet(axes, layout: Layout, colour: str, keep_out: Zones = ()) -> None:
+    """Rim, electrodes to scale, in a colour, and where none may be, mm."""
     from matplotlib.collections import PatchCollection
     from matplotlib.patches import Circle
 
-    discs = [Circle(1e3 * position, 1e3 * layout.radius) for position in layout.positions]
-    axes.add_collection(PatchCollection(discs, facecolor="white", edgecolor="black", linewidth=0.6))
-
-
-def _zones(axes, keep_out):
-    """Where no electrode may be."""
-    from matplotlib.patches import Circle
-
+    draw_rim(axes, layout)
+    discs = [Circle(1e3 * each, 1e3 * layout.radius) for each in layout.positions]
+    axes.add_collection(PatchCollection(discs, facecolor=colour, edgecolor="black", linewidth=0.6))
     for x, y, radius in keep_out:
-        zone = Circle((1e3 * x, 1e3 * y), 1e3 * radius, fill=False, hatch="///", edgecolor="white")
+        zone = Circle((1e3 * x, 1e3 * y), 1e3 * radius, fill=False, hatch="///", edgecolor="0.7")
         axes.add_patch(zone)
+    xmin, ymin, xmax, ymax = (1e3 * side for side in layout.outline.bounds)
+    pad = 0.04 * max(xmax - xmin, ymax - ymin)
+    axes.set(xlim=(xmin - pad, xmax + pad), ylim=(ymin - pad, ymax + pad))
 
 
 def _history(axes, history, best):
@@ -208,13 +204,11 @@ def _ranks(axes, found):
     smallest = np.zeros(layout.electrodes, int)
     for scan in sorted(found, key=lambda scan: -len(scan.grounded)):
         smallest[scan.grounded] = len(scan.grounded)
-    for ring in (layout.outline.shell, *layout.outline.holes):
-        axes.plot(*(1e3 * np.vstack([ring, ring[:1]]).T), color="0.3", linewidth=1)
+    draw_rim(axes, layout)
     for x, y, count in zip(*(1e3 * layout.positions.T), smallest):
         if not count:
             axes.plot(x, y, ".", color="0.6")
             continue
         box = {"facecolor": "white", "edgecolor": "none", "pad": 1.5}
         axes.text(x, y, str(count), ha="center", va="center", fontsize=9, bbox=box)
-    axes.set(aspect="equal", xlabel="x / mm", ylabel="y / mm")
     axes.set_title("rows of the smallest scan with this electrode", fontsize=10)

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass
-from pathlib import Path
+from typing import Any
 
-from tomotactile_ros.evaluation.places import CONTACT_RADIUS, has_room_for_pairs, usual_apart
+from tomotactile_ros.evaluation.places import has_room_for_pairs, usual_apart
 from tomotactile_ros.evaluation.point_spread import LEAST_REGULARIZATION, MOST_CELLS
-from tomotactile_ros.evaluation.posterior import NOISE, Conditions
+from tomotactile_ros.evaluation.posterior import Conditions
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.layouts.region import Region, regular_polygon
-from tomotactile_ros.optimizer.checkpoint import Checkpoint
 from tomotactile_ros.optimizer.constraints import Constraints
 from tomotactile_ros.optimizer.equalize import MODELS, SELECTIONS, equalize
 from tomotactile_ros.optimizer.free import SPACING, free
@@ -20,6 +18,7 @@ from tomotactile_ros.optimizer.objective import DEFAULT_AIMS, Aims
 from tomotactile_ros.optimizer.search import Effort, effort_for
 from tomotactile_ros.optimizer.step import Step, finished
 from tomotactile_ros.optimizer.touch import ROUNDS, STARTS, touch
+from tomotactile_ros.optimizer.work import Work
 from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import InputError
 
@@ -64,8 +63,6 @@ class Request:
     noise : of touch, of a reading, V rms; None for the default
     contact_radius : of touch, of the contacts, m; None for the default
     apart : of touch, distance of two contacts that are to be told apart, m; None for the default
-    resume : go on from `state_file`
-    state_file : where the state is kept after every step; None: nowhere
     """
 
     layout: Layout
@@ -87,8 +84,6 @@ class Request:
     noise: float | None = None
     contact_radius: float | None = None
     apart: float | None = None
-    resume: bool = False
-    state_file: Path | None = None
 
     def __post_init__(self):
         method_of(self.method)
@@ -103,8 +98,6 @@ class Request:
         checks.integer(self.seed, "seed", 0, 2**32 - 1)
         checks.positive(self.regularization, "regularization", "number", LEAST_REGULARIZATION)
         checks.integer(self.resolution, "resolution", 2, MOST_CELLS)
-        if self.resume and self.state_file is None:
-            raise InputError("resume: there is no file with the state of a search")
         if self.method == "equalize" and (self.spacing or self.margin or self.keep_out):
             raise InputError("spacing, margin and keep_out: only methods touch and free know them")
         if self.method != "equalize":
@@ -141,18 +134,17 @@ class Request:
             return ROUNDS if self.steps is None else self.steps
         return self._effort().total(self.layout)
 
-    def steps_of(self, executor: Executor | None = None) -> Iterator[Step]:
-        """Run it; see `best_of` for how to stop it and keep the best."""
+    def steps_of(self, work: Work | None = None) -> Iterator[Step]:
+        """Run it; `best_of` stops it and keeps the best. work : who does it; None: this process."""
+        work = work or Work()
+        work.begin(**self._asked())
+        images: dict[str, Any] = {
+            "regularization": self.regularization,
+            "resolution": self.resolution,
+        }
         if self.method == "equalize":
-            return equalize(
-                self.layout,
-                self.total,
-                select=self.select,
-                checkpoint=self._checkpoint(),
-                model=MODELS[self.model],
-                regularization=self.regularization,
-                resolution=self.resolution,
-            )
+            how: dict[str, Any] = {"select": self.select, "model": MODELS[self.model]}
+            return equalize(self.layout, self.total, work=work, **how, **images)
         if self.method == "touch":
             return touch(
                 self.layout,
@@ -162,22 +154,18 @@ class Request:
                 symmetric=self.symmetric,
                 rounds=self.total,
                 starts=self.total_starts,
-                executor=executor,
-                checkpoint=self._checkpoint(),
-                regularization=self.regularization,
-                resolution=self.resolution,
+                work=work,
+                **images,
             )
         return free(
             self.layout,
-            regularization=self.regularization,
             aims=self.aims,
             constraints=self._constraints(),
             symmetric=self.symmetric,
             effort=self._effort(),
             seed=self.seed,
-            executor=executor,
-            checkpoint=self._checkpoint(),
-            resolution=self.resolution,
+            work=work,
+            **images,
         )
 
     def result(self, name: str, history: Sequence[Step], best: Step, **settings: object) -> Layout:
@@ -228,20 +216,26 @@ class Request:
         return STARTS if self.starts is None else self.starts
 
     def _conditions(self) -> Conditions:
-        return Conditions(
-            noise=NOISE if self.noise is None else self.noise,
-            radius=CONTACT_RADIUS if self.contact_radius is None else self.contact_radius,
-            apart=usual_apart(self.layout) if self.apart is None else self.apart,
-        )
+        given: dict[str, Any] = {
+            "noise": self.noise,
+            "radius": self.contact_radius,
+            "apart": self.apart,
+        }
+        kept = {key: each for key, each in given.items() if each is not None}
+        return Conditions(**{"apart": usual_apart(self.layout), **kept})
 
-    def _checkpoint(self) -> Checkpoint | None:
-        if self.state_file is None:
-            return None
-        asked = {"method": self.method} | self.settings() | {"start": self.layout.id}
-        asked["sheet_resistance"] = self.layout.sheet_resistance
-        if self.method != "touch":  # which goes by no images
-            asked |= {"regularization": self.regularization, "resolution": self.resolution}
-        return Checkpoint(self.state_file, asked, self.resume)
+    def _asked(self) -> dict:
+        """Plain values that say which search this is."""
+        return (
+            {"method": self.method}
+            | self.settings()
+            | {
+                "start": self.layout.id,
+                "sheet_resistance": self.layout.sheet_resistance,
+                "regularization": self.regularization,
+                "resolution": self.resolution,
+            }
+        )
 
     def _effort(self) -> Effort:
         return effort_for(self.layout, self.steps, self.starts)

@@ -8,7 +8,7 @@ with scores from finite elements, twice side by side with different first radii.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import repeat
@@ -16,11 +16,11 @@ from itertools import repeat
 import numpy as np
 
 from tomotactile_ros.layouts.layout import Layout
-from tomotactile_ros.optimizer.checkpoint import Kept, State
 from tomotactile_ros.optimizer.constraints import Constraints
 from tomotactile_ros.optimizer.descent import Descending, Probing
 from tomotactile_ros.optimizer.objective import Objective
 from tomotactile_ros.optimizer.orbits import Orbits, find_orbits, shared_group
+from tomotactile_ros.optimizer.work import Work
 from tomotactile_ros.support.errors import InputError, doubt
 
 _SCALES = np.linspace(1.0, 0.7, 13)  # of the layout given, tried before anything else
@@ -73,58 +73,26 @@ class Search:
     constraints: Constraints
     symmetric: bool
 
-    def run(
-        self, effort: Effort, seed: int, spread, state: State | None = None
-    ) -> Iterator[tuple[np.ndarray, float, Sequence[Kept]]]:
-        """Positions (E, 2) and score of the best so far, after every round and probe, and what goes
-        on from there.
-
-        spread : `map`, or that of an executor
-        state : to go on from; its trials are those of `read`
-        """
-        orbits, rounds = self._orbits, self._rounds(effort)
-        trials: list
-        if state is None:
-            done = 0
-            starts, score = self._starts(effort.starts if rounds else 1, seed, spread)
-            best, trials = starts[0], [Descending(each, self._step) for each in starts]
-        else:
-            done, trials = state.done, list(state.trials)
-            best, score = trials[0].best, trials[0].score
-        for _ in range(done, rounds):
-            trials = list(spread(self._descend, repeat(orbits), trials, repeat(effort.descents)))
-            trials = sorted(trials, key=lambda each: each.score)[: (len(trials) + 1) // 2]
-            best, score = trials[0].best, trials[0].score
-            yield orbits.positions(best), score, trials
-        if done <= rounds:
-            trials = [
-                Probing(best, score, self._probing_step, reach, (seed, number))
-                for number, reach in enumerate(_REACHES)
-            ]
-        evaluations = _evaluations(len(best))
-        for _ in range(max(done, rounds), rounds + effort.probes):
-            trials = list(spread(self._probe, repeat(orbits), trials, repeat(evaluations)))
-            lead = min(trials, key=lambda trial: trial.score)
-            yield orbits.positions(lead.best), lead.score, trials
-
-    def read(self, effort: Effort, seed: int, done: int, plain: list[dict]) -> Sequence[Kept]:
-        """What `run` has left after `done` rounds and probes, from plain values.
-
-        Raises ValueError, KeyError or TypeError where they are nothing of that kind.
-        """
-        count = self._orbits.matrix.shape[1]
-        if done <= self._rounds(effort):
-            return [Descending.read(each, count, self._step) for each in plain]
-        if len(plain) != len(_REACHES):
-            raise ValueError(f"trials: {len(plain)}, where {len(_REACHES)} are needed")
-        return [
-            Probing.read(each, count, self._probing_step, (seed, number))
-            for number, each in enumerate(plain)
+    def run(self, effort: Effort, seed: int, work: Work) -> Iterator[tuple[np.ndarray, float]]:
+        """Positions (E, 2) and score of the best so far, after every round and probe."""
+        layout, positions = self.objective.reference, self._orbits.positions
+        rounds = effort.total(layout) - effort.probes  # of descent, where there is a gradient
+        starts, score = self._starts(effort.starts if rounds else 1, seed, work)
+        best, descents = starts[0], [Descending(each, self._step) for each in starts]
+        for _ in range(rounds):
+            descents = work.map(self._descend, descents, repeat(effort.descents))
+            descents = sorted(descents, key=lambda each: each.score)[: (len(descents) + 1) // 2]
+            best, score = descents[0].best, descents[0].score
+            yield positions(best), score
+        step = self._step / 4 if self.objective.differentiable else self._step
+        probes = [
+            Probing(best, score, step, reach, (seed, number))
+            for number, reach in enumerate(_REACHES)
         ]
-
-    def _rounds(self, effort):
-        """Of descent, for which there has to be a gradient."""
-        return effort.total(self.objective.reference) - effort.probes
+        for _ in range(effort.probes):
+            probes = work.map(self._probe, probes, repeat(_evaluations(len(best))))
+            lead = min(probes, key=lambda each: each.score)
+            yield positions(lead.best), lead.score
 
     @cached_property
     def _orbits(self) -> Orbits:
@@ -148,17 +116,13 @@ class Search:
         layout = self.objective.reference
         return _STEP * np.sqrt(layout.outline.area / layout.electrodes)
 
-    @property
-    def _probing_step(self) -> float:
-        return self._step / 4 if self.objective.differentiable else self._step
-
-    def _feasible(self, orbits, parameters):
+    def _feasible(self, parameters):
         """Parameters nearby that obey the constraints, or None.
 
         They are rounded, so that a difference in the last digit (linear algebra with another number
         of threads) ends here, instead of growing with every step.
         """
-        grain = _GRAIN * self._step
+        orbits, grain = self._orbits, _GRAIN * self._step
         rounded = np.round(parameters / grain) * grain
         positions = self.constraints.project(orbits.positions(rounded))
         if positions is None:
@@ -166,27 +130,26 @@ class Search:
         parameters = orbits.parameters(positions)
         return parameters if self.constraints.kept_by(orbits.positions(parameters)) else None
 
-    def _score(self, orbits, parameters):
-        return self.objective.score(orbits.positions(parameters))
-
-    def _try(self, orbits, parameters):
+    def _try(self, parameters):
         """Feasible parameters nearby and their score; infinite where there are none."""
-        moved = self._feasible(orbits, parameters)
-        return (parameters, np.inf) if moved is None else (moved, self._score(orbits, moved))
+        moved = self._feasible(parameters)
+        if moved is None:
+            return parameters, np.inf
+        return moved, self.objective.score(self._orbits.positions(moved))
 
-    def _descend(self, orbits, state, evaluations):
+    def _descend(self, descent, evaluations):
         def value_and_gradient(parameters):
-            score, gradient = self.objective(orbits.positions(parameters))
-            return score, orbits.matrix.T @ gradient.ravel()
+            score, gradient = self.objective(self._orbits.positions(parameters))
+            return score, self._orbits.matrix.T @ gradient.ravel()
 
-        state.run(value_and_gradient, lambda moved: self._feasible(orbits, moved), evaluations)
-        return state
+        descent.run(value_and_gradient, self._feasible, evaluations)
+        return descent
 
-    def _probe(self, orbits, trial, evaluations):
-        trial.run(lambda parameters: self._try(orbits, parameters), evaluations)
-        return trial
+    def _probe(self, probing, evaluations):
+        probing.run(self._try, evaluations)
+        return probing
 
-    def _starts(self, count, seed, spread):
+    def _starts(self, count, seed, work):
         """Parameters of `count` layouts to start from, first the best scaled one, then warps of it;
         and the score of the first.
 
@@ -194,7 +157,7 @@ class Search:
         """
         layout, constraints, orbits = self.objective.reference, self.constraints, self._orbits
         scaled = [orbits.parameters(layout.positions * scale) for scale in _SCALES]
-        first, score = min(spread(self._try, repeat(orbits), scaled), key=lambda each: each[1])
+        first, score = min(work.map(self._try, scaled), key=lambda each: each[1])
         if not np.isfinite(score):
             raise InputError(
                 f"constraints: no layout near {layout.name!r} keeps {constraints.spacing:g} m "
@@ -222,7 +185,7 @@ class Search:
         for halving in range(_HALVINGS + 1):
             scale, *amount = warp * 0.5**halving
             warped = _warp(orbits.positions(starts[0]) / half, amount) * half * (1 + scale)
-            moved = self._feasible(orbits, orbits.parameters(warped))
+            moved = self._feasible(orbits.parameters(warped))
             if moved is None:
                 continue
             away = np.abs(np.array(starts) - moved).max(axis=1, initial=0.0).min()

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,7 +19,6 @@ class Step:
     quality     of the step's layout
     score       what the method makes small
     best        whether no earlier step had a lower score
-    eta         s, estimate of the time left; 0 at the end
     posterior   expected errors of contacts, where the method goes by them
     """
 
@@ -29,22 +27,11 @@ class Step:
     quality: LayoutQuality
     score: float
     best: bool
-    eta: float
     posterior: Posterior | None = None
 
     @property
     def layout(self) -> Layout:
         return self.quality.layout
-
-    @property
-    def hwhm_map(self) -> np.ndarray:
-        """(H, W) HWHM by contact position, m; NaN outside the outline."""
-        return self.quality.hwhm_map
-
-    @property
-    def position_error_map(self) -> np.ndarray:
-        """(H, W) position error by contact position, m; NaN outside the outline."""
-        return self.quality.position_error_map
 
     @property
     def metrics(self) -> dict:
@@ -53,45 +40,28 @@ class Step:
         return self.quality.metrics | {"touch": self.posterior.metrics}
 
 
-class Clock:
-    """Numbers the steps, remembers the lowest score and estimates the time left.
+class Steps:
+    """Numbers the steps of an optimization and remembers the lowest score.
 
     total : number of steps, the start not counted
-    efforts : (total + 1,) what each step takes, the start first, in any unit; None: all the same
     """
 
-    def __init__(self, total: int, efforts: Sequence[float] | None = None):
-        self.total = total
-        self._efforts = np.ones(total + 1) if efforts is None else np.array(efforts, float)
-        self._start = time.monotonic()
-        self._lowest = np.inf
+    def __init__(self, total: int):
+        self._total, self._count, self._lowest = total, 0, np.inf
 
-    def step(
+    def next(
         self,
-        iteration: int,
         quality: LayoutQuality,
         score: float,
-        allowed: bool = True,
         posterior: Posterior | None = None,
+        allowed: bool = True,
     ) -> Step:
-        """The next step; the time left is in proportion to that of the steps so far, the start
-        included.
-
-        What is not `allowed` (a start that violates constraints) is the best only as long as there
-        is nothing else.
-        """
-        counted = score if allowed else np.inf
-        best = bool(counted < self._lowest) or iteration == 0
-        self._lowest = min(counted, self._lowest)
-        done, all_of_it = self._efforts[: iteration + 1].sum(), self._efforts.sum()
-        left = (time.monotonic() - self._start) * float(all_of_it / done - 1)
-        return Step(iteration, self.total, quality, float(score), best, left, posterior)
-
-
-def after_resuming(total: int, done: int) -> list[float]:
-    """Efforts of the start and `total` steps that are alike, where `done` were taken from a file: the
-    best of these is evaluated once more, as the start is."""
-    return [1.0, *(float(number >= done) for number in range(1, total + 1))]
+        """The next step. What is not `allowed` (a start that violates constraints) is the best only
+        as long as there is nothing else."""
+        counted, number = score if allowed else np.inf, self._count
+        best = bool(counted < self._lowest) or number == 0
+        self._lowest, self._count = min(counted, self._lowest), number + 1
+        return Step(number, self._total, quality, float(score), best, posterior)
 
 
 def best_of(

@@ -21,7 +21,6 @@ chooses among the few trials of a round: what a search gains on 64 to 256 places
 from __future__ import annotations
 
 from collections.abc import Iterator
-from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import repeat
@@ -33,11 +32,11 @@ from tomotactile_ros.evaluation.layout_quality import evaluate_layout
 from tomotactile_ros.evaluation.places import usual_apart
 from tomotactile_ros.evaluation.posterior import Conditions, Posterior, expected
 from tomotactile_ros.layouts.layout import Layout
-from tomotactile_ros.optimizer.checkpoint import Checkpoint, Trial
 from tomotactile_ros.optimizer.constraints import Constraints
 from tomotactile_ros.optimizer.moves import keeps_fixed, smooth_moves
 from tomotactile_ros.optimizer.orbits import shared_group
-from tomotactile_ros.optimizer.step import Clock, Step
+from tomotactile_ros.optimizer.step import Step, Steps
+from tomotactile_ros.optimizer.work import Work
 from tomotactile_ros.support import checks
 from tomotactile_ros.support.checks import plain
 from tomotactile_ros.support.errors import InputError
@@ -57,6 +56,19 @@ _PAIRS = 24
 _UNSEEN = 3  # more of these by which a step is judged
 _PENALTY = 3.0  # for what is worse than at the start
 _FORBIDDEN = 10.0  # score where no electrodes can be
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A layout that is being improved.
+
+    positions (E, 2), m; radius, m; score; reach : of the next moves, in parts of the first ones
+    """
+
+    positions: np.ndarray
+    radius: float
+    score: float
+    reach: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,8 +219,7 @@ def touch(
     symmetric: bool = True,
     rounds: int = ROUNDS,
     starts: int = STARTS,
-    executor: Executor | None = None,
-    checkpoint: Checkpoint | None = None,
+    work: Work | None = None,
     places: int | None = None,
     **evaluation,
 ) -> Iterator[Step]:
@@ -220,78 +231,47 @@ def touch(
     conditions : what is pressed; pairs `usual_apart` by default
     radii : (smallest, largest) radius of electrodes, m, where that is free
     rounds, starts : effort
-    executor : any `concurrent.futures` executor; the result does not depend on it
-    checkpoint : where the state is kept after every round, and taken from
+    work : who does it; the result does not depend on that
     places : contacts along the longer side while searching; None: by the number of electrodes
     evaluation : keywords of `evaluate_layout`, for the images that are shown beside
 
     Yields the start (iteration 0) and the best layout after each round; a score below 1 is better
-    than the start, at places that the search does not see. A search that goes on yields the best of
-    the rounds that are done in the place of the last of these.
+    than the start, at places that the search does not see.
 
     Raises InputError for constraints that cannot be met.
     """
     conditions = conditions or Conditions(apart=usual_apart(layout))
     _check_fixed(layout, constraints)
-    state = checkpoint.taken(rounds, layout.electrodes) if checkpoint is not None else None
-    done = 0 if state is None else state.done
-    clock = Clock(
-        rounds, [2, *(_evaluations(number, starts, done) for number in range(1, rounds + 1))]
-    )
+    work, steps = work or Work(), Steps(rounds)
     if places is None:
         places = int(np.clip(round(_BY_SPACING / np.sqrt(layout.electrodes)), *_PLACES))
-    spread = map if executor is None else executor.map
+    evaluate = partial(evaluate_layout, **evaluation)
     look = partial(expected, layout, conditions, pairs=_PAIRS)
-    seen, found = spread(look, (places, places + _UNSEEN))
+    seen, found = work.map(look, (places, places + _UNSEEN))
     judge = TouchObjective(layout, conditions, found.lengths, places + _UNSEEN)
     allowed = constraints.kept_by(layout.positions)
-    yield clock.step(0, evaluate_layout(layout, **evaluation), 1.0, allowed, found)
+    yield steps.next(work.do(evaluate, layout), 1.0, found, allowed)
     objective = TouchObjective(layout, conditions, seen.lengths, places)
     search = TouchSearch(objective, constraints, radii, symmetric)
-    if state is None:
-        trials = [each for each in spread(search.first, range(starts)) if each is not None]
-    else:
-        trials = list(state.trials)
+    trials = [each for each in work.map(search.first, range(starts)) if each is not None]
     if not trials:
         raise InputError(
             f"constraints: no layout near {layout.name!r} keeps {constraints.spacing:g} m spacing, "
             f"{constraints.margin:g} m margin and the zones to keep out of; where there is room, another "
             "start helps, for instance fewer electrodes or, with electrodes, a larger inset"
         )
-    judged = trials if state is None else [state.best]  # the starts as they are, too
-    lead = Trial(layout.positions, layout.radius, np.inf)  # of what is handed over
-    known = {_key(layout): (replace(lead, score=1.0), found)}  # at these places
-    for number in range(max(done, 1), rounds + 1):
-        if number > done:
-            moves = _moves(number)
-            evaluations = _EVALUATIONS + moves
-            trials = list(spread(search.improve, trials, repeat(moves), repeat(evaluations)))
-            trials = sorted(trials, key=lambda each: each.score)[: max(len(trials) // 2, 2)]
-            judged = judged + trials if number == 1 else trials
+    judged = trials  # the starts as they are, too
+    known = {_key(layout): (Trial(layout.positions, layout.radius, 1.0), found)}  # at these places
+    for number in range(1, rounds + 1):
+        moves = _FIRST_MOVES * 2 ** (number - 1)
+        trials = work.map(search.improve, trials, repeat(moves), repeat(_EVALUATIONS + moves))
+        trials = sorted(trials, key=lambda each: each.score)[: max(len(trials) // 2, 2)]
+        judged = judged + trials if number == 1 else trials
         new = list({_key(each): each for each in judged if _key(each) not in known}.values())
-        known |= zip(map(_key, new), spread(judge.judge, new), strict=True)
+        known |= zip(map(_key, new), work.map(judge.judge, new), strict=True)
         best, found = min((known[_key(each)] for each in judged), key=lambda each: each[0].score)
-        lead = min(lead, best, key=lambda each: each.score)
-        if checkpoint is not None and number > done:
-            checkpoint.keep(number, trials, lead)
         moved = replace(layout, positions=best.positions, radius=best.radius, provenance={})
-        quality = evaluate_layout(moved, **evaluation)
-        yield clock.step(number, quality, best.score, posterior=found)
-
-
-def _moves(number):
-    """Moves of the trials of round `number`."""
-    return _FIRST_MOVES * 2 ** (number - 1)
-
-
-def _evaluations(number, starts, done):
-    """About so many evaluations there are in round `number`, where `done` rounds were taken from a
-    file."""
-    if number <= done:
-        return int(number == done)  # the best so far is looked at once more
-    trials = starts if number == 1 else min(starts, max(starts // 2 ** (number - 1), 2))
-    first = starts - 1 if number == 1 else 0
-    return first + trials * (_EVALUATIONS + _moves(number))
+        yield steps.next(work.do(evaluate, moved), best.score, found)
 
 
 def _key(electrodes: Layout | Trial) -> tuple[bytes, float]:

@@ -9,9 +9,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from tomotactile_ros.evaluation.metrics import worst
-from tomotactile_ros.evaluation.posterior import SEPARATION, Posterior
-from tomotactile_ros.layouts.layout import Layout
+from tomotactile_ros.evaluation.posterior import SEPARATION
 from tomotactile_ros.optimizer.explore import Choice
+from tomotactile_ros.optimizer.report import Zones, draw_sheet
 from tomotactile_ros.optimizer.step import Step
 from tomotactile_ros.support.files import save_figure
 
@@ -24,11 +24,7 @@ _LEGEND = (
 
 
 def save_touch_report(
-    path: str | os.PathLike,
-    history: Sequence[Step],
-    best: Step,
-    title: str,
-    keep_out: Sequence[tuple[float, float, float]] = (),
+    path: str | os.PathLike, history: Sequence[Step], best: Step, title: str, keep_out: Zones = ()
 ) -> None:
     """Write a picture: ellipses at the start and at the best step, and the history.
 
@@ -44,11 +40,10 @@ def save_touch_report(
     figure.supxlabel(_LEGEND + zones, fontsize=8.5)
     axes = figure.subplots(1, 3, width_ratios=[1, 1, 0.75])
     factor = _factor(start.posterior)
-    draw_ellipses(axes[0], start.layout, start.posterior, factor, "before")
-    when = f"after (step {best.iteration})"
-    draw_ellipses(axes[1], best.layout, best.posterior, factor, when)
-    for axis in axes[:2]:
-        _zones(axis, keep_out)
+    when = "before", f"after (step {best.iteration})"
+    for axis, step, words in zip(axes, (start, best), when):
+        draw_sheet(axis, step.layout, "0.75", keep_out)
+        _ellipses(axis, step.posterior, factor, words)
     steps = [step.iteration for step in history]
     lengths = np.array([step.posterior.lengths for step in history if step.posterior is not None])
     for words, values in zip(_WORDS, (lengths / lengths[0]).T):
@@ -60,15 +55,10 @@ def save_touch_report(
     save_figure(figure, path)
 
 
-def draw_ellipses(axes, layout: Layout, posterior: Posterior, factor: float, words: str) -> None:
-    """Electrodes and ellipses of `layout`, magnified by `factor`."""
-    from matplotlib.collections import EllipseCollection, PatchCollection
-    from matplotlib.patches import Circle
+def _ellipses(axes, posterior, factor, words):
+    """What is known of a place, magnified by `factor`."""
+    from matplotlib.collections import EllipseCollection
 
-    for ring in (layout.outline.shell, *layout.outline.holes):
-        axes.plot(*(1e3 * np.vstack([ring, ring[:1]]).T), color="0.3", linewidth=1)
-    discs = [Circle(1e3 * each, 1e3 * layout.radius) for each in layout.positions]
-    axes.add_collection(PatchCollection(discs, facecolor="0.75", edgecolor="0.4", linewidth=0.6))
     variances, ways = np.linalg.eigh(posterior.covariance)
     across, along = 2e3 * factor * np.sqrt(variances).T
     angle = np.degrees(np.arctan2(ways[:, 1, 1], ways[:, 0, 1]))
@@ -87,10 +77,6 @@ def draw_ellipses(axes, layout: Layout, posterior: Posterior, factor: float, wor
             linewidths=1,
         )
     )
-    xmin, ymin, xmax, ymax = (1e3 * side for side in layout.outline.bounds)
-    pad = 0.05 * max(xmax - xmin, ymax - ymin)
-    axes.set(xlim=(xmin - pad, xmax + pad), ylim=(ymin - pad, ymax + pad), aspect="equal")
-    axes.set(xlabel="x / mm", ylabel="y / mm")
     mean, tenth = 1e6 * posterior.place.mean(), 1e6 * worst(posterior.place)
     axes.set_title(
         f"{words}\nmean {mean:.0f} µm, worst tenth {tenth:.0f} µm; ellipses × {factor:.3g}",
@@ -110,6 +96,7 @@ def save_exploration(
     place, m, and frame_time, s, that were asked for are lines, and `best` is a ring.
     """
     from matplotlib.figure import Figure
+    from matplotlib.ticker import NullLocator
 
     figure = Figure(figsize=(13, 5.2), layout="constrained")
     figure.supxlabel(
@@ -149,16 +136,10 @@ def save_exploration(
             axis.axhline(1e3 * place, color="0.3", linestyle=":")
         for which in (axis.yaxis.set_major_formatter, axis.yaxis.set_minor_formatter):
             which(lambda value, _: f"{value:.3g}" if f"{value:e}"[0] in "125" else "")
-        axis.xaxis.set_minor_locator(_no_ticks())
+        axis.xaxis.set_minor_locator(NullLocator())
         axis.grid(alpha=0.3, which="both", axis="y")
         axis.grid(alpha=0.3, axis="x")
     save_figure(figure, path)
-
-
-def _no_ticks():
-    from matplotlib.ticker import NullLocator
-
-    return NullLocator()
 
 
 def _apart(times):
@@ -177,12 +158,3 @@ def _factor(posterior):
     factor = _LARGEST * step / max(worst(posterior.place), 1e-12)
     digit = 10.0 ** np.floor(np.log10(factor))
     return float(digit * max(1, round(factor / digit)))
-
-
-def _zones(axes, keep_out):
-    """Where no electrode may be."""
-    from matplotlib.patches import Circle
-
-    for x, y, radius in keep_out:
-        zone = Circle((1e3 * x, 1e3 * y), 1e3 * radius, fill=False, hatch="///", edgecolor="0.5")
-        axes.add_patch(zone)
