@@ -13,6 +13,7 @@ from tomotactile_ros.cli import main
 from tomotactile_ros.estimation.estimator import CONTRADICTS, Estimator, State
 from tomotactile_ros.estimation.one_state import reciprocity, without_contradicting
 from tomotactile_ros.estimation.operator import operator_for
+from tomotactile_ros.estimation.reciprocity import fit_gains
 from tomotactile_ros.estimation.search import Search
 from tomotactile_ros.estimation.settling import EXPECTED, Settling, rows_before, unsettled
 from tomotactile_ros.evaluation.scoring import score
@@ -297,3 +298,23 @@ def test_a_recording_of_it_is_told_so(settling, tmp_path, capsys):
     assert main(["reconstruct", str(frames), *words]) == 0
     said = "of the row before: the multiplexer is read too early; this is subtracted"
     assert (said in capsys.readouterr().out) == bool(settling)
+
+
+def test_gains_from_reciprocity_are_known_as_well_as_they_say():
+    """Six frames of any symmetric impedances, twenty draws of gains of 5 %."""
+    ratios, misfits, one = [], [], np.ones(12)
+    for seed in range(20):
+        random = np.random.default_rng(seed)
+        gain, volts = 1 + 0.05 * random.standard_normal(12), []
+        for _ in range(6):
+            root = random.random((12, 3))
+            impedance = 2 * np.eye(12) + root @ root.T
+            share = impedance / (impedance.diagonal() + random.random(12))[:, None]
+            volts.append(DRIVE * gain * (1 - share) + NOISE * random.standard_normal((12, 12)))
+            np.fill_diagonal(volts[-1], np.nan)
+        known = (one, 0.05 * one), (0 * one, 1e-6 * one)
+        found = fit_gains(np.array(volts), DRIVE, NOISE, *known)
+        ratios += ((found.gain - gain) / np.sqrt(found.covariance.diagonal()[:12])).tolist()
+        misfits += found.misfit.tolist()
+    assert np.mean(misfits) == pytest.approx(1.0, abs=0.1)
+    assert np.std(ratios) == pytest.approx(1.0, abs=0.25)  # neither biased nor sure of too much

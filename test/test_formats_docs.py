@@ -19,7 +19,7 @@ from tomotactile_ros.commands.reconstruct import contact_entry, results_writer
 from tomotactile_ros.frames_file import load_frames, save_frames
 from tomotactile_ros.layouts.layout import FORMAT, LOW_RESISTANCE, equal_grid, load_layout
 from tomotactile_ros.layouts.outline import LARGEST, SMALLEST
-from tomotactile_ros.optimizer.checkpoint import Checkpoint, Trial
+from tomotactile_ros.optimizer.work import Work
 from tomotactile_ros.reconstruction.calibration import load_calibration
 from tomotactile_ros.reconstruction.settings import DEFAULT_LAW, ContactEstimate, Result
 from tomotactile_ros.reconstruction.tare_file import Tare
@@ -151,7 +151,7 @@ def every_file(tmp_path_factory):
     folder = tmp_path_factory.mktemp("files")
     made = {name: folder / f"{name}.npz" for name in ("frames", "tare", "result", "kept")}
     made |= {name: folder / f"{name}.yaml" for name in ("layout", "scene", "sensor", "calibration")}
-    made["state"] = folder / "better.search.json"
+    made["state"] = folder / "better.search"
     layout = ["--layout", made["layout"]]
     scene = load_scene("default")
     one = replace(scene.contacts[0], center=(0.02, -0.03), radius=0.008, force=2.0, pressure=None)
@@ -170,9 +170,9 @@ def every_file(tmp_path_factory):
         out = made.get(name, folder / f"{name}.npz")
         assert main([*map(str, command), "--out", str(out)]) == 0
     grid = load_layout(made["layout"])
-    state = Trial(grid.positions, grid.radius, 1.25)
-    about = {"method": "free", "start": grid.id, "steps": 20, "spacing": 2.2 * 0.0025}
-    Checkpoint(made["state"], about).keep(3, [state], state)
+    search = Work(path=made["state"])
+    search.begin(method="free", start=grid.id, steps=20, spacing=2.2 * 0.0025)
+    search.map(abs, [-1, -2, -3])
     Tare(grid.id, np.full((16, 16), 0.0021), 32, 1.8e9, "").save(made["kept"])
     return made
 
@@ -186,7 +186,7 @@ TOLD = {
     "in corners, most: electrode",
     "calibration": "contact law g = ; 10 N on a disc of 5 mm radius: 127 kPa",
     "result": "last image, peak; contacts of the last frame",
-    "state": "search free, from layout#; 3 of 20 steps done; score 1.25; spacing 5.5 mm",
+    "state": "search free, from layout#; 3 results are known; steps 20; spacing 5.5 mm",
     "kept": "mean of 32 frames, 2027-01-15 08:00 UTC; readings 2.1 to 2.1 mV",
 }
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping
 from datetime import datetime, timezone
 from pathlib import Path
@@ -13,20 +12,18 @@ from tomotactile_ros.estimation.operator import operator_for
 from tomotactile_ros.layouts.layout import Layout, load_layout
 from tomotactile_ros.learning import findings
 from tomotactile_ros.learning.file import load_sensor
-from tomotactile_ros.optimizer.checkpoint import FORMAT as SEARCH_FORMAT
+from tomotactile_ros.optimizer.work import kept_in
 from tomotactile_ros.reconstruction.calibration import load_calibration
 from tomotactile_ros.reconstruction.tare_file import load_tare
 from tomotactile_ros.support import checks
 from tomotactile_ros.support.checks import plain
 from tomotactile_ros.support.errors import InputError
-from tomotactile_ros.support.files import read_limited
 
 _FOOT = 0.005  # m, radius of the contact that a law is shown for
 _FORCES = 1.0, 10.0  # N, of it
-_MOST = 100_000_000  # bytes of a search
 _LENGTHS = "spacing", "margin", "keep_out", "radius_range", "contact_radius", "apart"
 _UNITS = {"noise": "V", "sheet_resistance": "ohm/sq"}
-_LEFT_OUT = ("method", "start", "steps")  # of what a search was asked for: shown before
+_LEFT_OUT = ("method", "start")  # of what a search was asked for: shown before
 
 
 def known_layout(layout_id: str, layout: str | None) -> Layout | None:
@@ -79,25 +76,16 @@ def describe_tare(path: Path, arrays: Mapping[str, np.ndarray]) -> Iterator[str]
 
 
 def describe_search(path: Path) -> Iterator[str]:
-    """Lines: how far a search for a layout has come."""
+    """Lines: what a search for a layout was asked for, and how far it has come."""
     try:
-        content = json.loads(read_limited(path, _MOST))
-        kind, asked = content["format"], content["asked"]
-        done, best = content["done"], content["best"]
-        score = float(best["score"])
-        positions = checks.points(best["positions"], f"{path}: best.positions", least=1)
-        asked_for = {key: value for key, value in asked.items() if key not in _LEFT_OUT}
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        if isinstance(error, InputError):
-            raise
+        asked, kept = kept_in(path)
+    except (ValueError, RecursionError):
         raise InputError(f"{path}: is no state of a search") from None
-    if kind != SEARCH_FORMAT:
-        raise InputError(f"{path}: format: {checks.show(kind)} is not {SEARCH_FORMAT}")
     method, start = (checks.show(asked.get(key)).strip("'") for key in ("method", "start"))
-    yield f"search {method}, from {start}: {done} of {checks.show(asked.get('steps'))} steps done"
-    yield f"  best of them: score {plain(score, 4)}, {len(positions)} electrodes"
-    for key, value in asked_for.items():
-        yield f"  {key:17} {_asked(key, value)}"
+    yield f"search {method}, from {start}: {len(kept)} results are known"
+    for key, value in asked.items():
+        if key not in _LEFT_OUT:
+            yield f"  {key:17} {_asked(key, value)}"
     yield "  the same 'tomotactile optimize' with --resume goes on from here"
 
 

@@ -70,7 +70,7 @@ def run(args: Namespace) -> None:
     if path.suffix == ".npz" or zipfile.is_zipfile(path):
         _show(_describe_arrays(path, args.layout))
         return
-    if path.suffix == ".json":
+    if path.suffix == ".search":
         _show(describe_search(path))
         return
     content = read_mapping(path, SENSOR_BYTES)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
-from concurrent.futures import as_completed
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
 from tomotactile_ros.layouts.layout import Layout, load_layout
-from tomotactile_ros.optimizer.workers import Workers
+from tomotactile_ros.optimizer.work import Work
 from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.support.files import write_atomic
@@ -88,7 +88,9 @@ def run(args: Namespace) -> None:
         for count in counts:
             first["model", model, count] = (simulation.optimize, count, model)
     done: dict = {}
-    with Workers(args.workers) as workers, Progress("paper", len(first) + _AFTER) as progress:
+    with ExitStack() as at_end, Progress("paper", len(first) + _AFTER) as progress:
+        workers = Work(args.workers)
+        at_end.callback(workers.stop)
         _compute(workers, first, done, progress)
         second: dict = {}
         for number, count in enumerate(counts):
@@ -168,10 +170,13 @@ def _title(layout: Layout) -> str:
     )
 
 
-def _compute(workers: Workers, tasks: dict, done: dict, progress: Progress) -> None:
+def _compute(work: Work, tasks: dict, done: dict, progress: Progress) -> None:
     """Results of calls (function, arguments ...) into `done`, by their keys."""
-    futures = {workers.submit(*call): key for key, call in tasks.items()}
-    for task in as_completed(futures):
-        key = futures[task]
-        done[key] = task.result()
-        progress.update(len(done), " ".join(map(str, key)))
+    keys = list(tasks)
+    for number, result in work.results(_called, dict(enumerate(tasks.values()))):
+        done[keys[number]] = result
+        progress.update(len(done), " ".join(map(str, keys[number])))
+
+
+def _called(function, *arguments):
+    return function(*arguments)

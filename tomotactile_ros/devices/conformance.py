@@ -310,10 +310,17 @@ def unknown_commands_are_refused(trial: Trial) -> None:
 
 
 def unknown_versions_are_refused(trial: Trial) -> None:
-    """A command of an unknown version is answered with ERROR, unsupported version (section 3)"""
-    tag = trial.probe.next_tag()
+    """A command of an unknown version is answered with ERROR, unsupported version (section 3), but on a bus"""
+    probe = trial.probe
+    tag = probe.next_tag()
     content = bytes([protocol.STOP, 0x7F]) + tag.to_bytes(2, "little")
-    error = trial.probe.ask(content + bytes([0, 0, trial.probe.address, 0]), protocol.Error)
+    content += bytes([0, 0, probe.address, 0])
+    if probe.address != protocol.NO_ADDRESS:  # where such a packet has its address nobody knows
+        probe.send(content)
+        if (answer := probe.answer(tag)) is not None:
+            raise Broken(f"answered with {name_of(protocol.type_of(answer))} at an address")
+        return
+    error = probe.ask(content, protocol.Error)
     if (error.command, error.code) != (protocol.STOP, protocol.UNSUPPORTED_VERSION):
         raise Broken(f"ERROR {error.code} to command 0x{error.command:02x}")
 

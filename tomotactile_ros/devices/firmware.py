@@ -206,7 +206,7 @@ class EmulatedDevice:
         self._sampled = sampled
 
     def _is_for_me(self, version: int, address: int) -> bool:
-        if version == 1:
+        if version != 2:
             return self._address == protocol.NO_ADDRESS
         return address in (self._address, protocol.ALL_ADDRESSES)
 

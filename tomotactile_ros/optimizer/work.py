@@ -7,9 +7,11 @@ task is meant, and a search that goes on is one that begins anew and finds resul
 
 from __future__ import annotations
 
+import json
 import os
 import pickle
 import signal
+import struct
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures.process import BrokenProcessPool
@@ -24,7 +26,9 @@ from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import Doubt, InputError
 from tomotactile_ros.support.processes import die_with_parent
 
-FORMAT = "tomotactile-search/3"
+FORMAT = "tomotactile-search/4"
+_RESULT = struct.Struct("<QQ")
+_LONGEST = 1_000_000  # bytes of the line
 DASK = "dask://"
 _ENVIRONMENT = {  # of processes on this machine
     "OMP_NUM_THREADS": "1",  # matrices are small
@@ -74,7 +78,8 @@ class Work:
 
         Raises InputError where the file has results of another search.
         """
-        self._asked, self._given = {"version": __version__, **asked}, 0
+        self._asked = json.loads(json.dumps({"version": __version__, **asked}))
+        self._given = 0
         found, self._kept = self._found, self._found is not None
         if found is None:
             return
@@ -101,7 +106,7 @@ class Work:
         self._given += len(tasks)
         results = {number: self._known.pop(number) for number in tasks if number in self._known}
         missing = {number: tasks[number] for number in tasks if number not in results}
-        for number, result in self._done(function, missing):
+        for number, result in self.results(function, missing):
             self._keep(number, result)
             results[number] = result
         return [results[number] for number in tasks]
@@ -120,9 +125,9 @@ class Work:
         if self._path is not None:
             self._path.unlink(missing_ok=True)
 
-    def _done(self, function, missing) -> Iterator[tuple[int, Any]]:
-        """Numbers and results of tasks, as they come; those of workers that are killed are done by
-        others."""
+    def results(self, function: Callable, missing: dict[int, tuple]) -> Iterator[tuple[int, Any]]:
+        """Numbers and results of tasks, which are arguments, as they come; those of workers that are killed
+        are done by others."""
         if self._client is None and (self.workers == 1 or len(missing) < 2):
             for number, arguments in missing.items():
                 yield number, function(*arguments)
@@ -169,33 +174,51 @@ class Work:
             return
         with open(self._path, "ab" if self._kept else "wb") as file:
             if not self._kept:
-                pickle.dump((FORMAT, self._asked), file)
-            pickle.dump((number, result), file)
+                file.write(json.dumps({"format": FORMAT, **self._asked}).encode() + b"\n")
+            kept = pickle.dumps(result)
+            file.write(_RESULT.pack(number, len(kept)) + kept)
         self._kept = True
 
     def _read(self):
         """Take what is whole in the file; a stop may have cut it off."""
+        assert self._path is not None
         try:
-            with open(self._path, "r+b") as file:
-                try:
-                    kind, self._found = pickle.load(file)
-                    if kind != FORMAT:
-                        raise ValueError
-                except Exception:  # noqa: BLE001 - others are raised for damage, too
-                    raise InputError(
-                        f"resume: {self._path} is no state of a search that can go on; start anew, "
-                        "without resume"
-                    ) from None
-                while True:
-                    whole = file.tell()
-                    try:
-                        number, result = pickle.load(file)
-                    except Exception:  # noqa: BLE001 - the same
-                        file.truncate(whole)
-                        return
-                    self._known[number] = result
+            self._found, kept = kept_in(self._path)
         except FileNotFoundError:
             raise InputError(f"resume: {self._path} is not there: nothing to go on with") from None
+        except ValueError:
+            raise InputError(
+                f"resume: {self._path} is no state of a search that can go on; start anew, "
+                "without resume"
+            ) from None
+        with open(self._path, "r+b") as file:
+            for number, (start, length) in kept.items():
+                file.seek(start)
+                try:
+                    self._known[number] = pickle.loads(file.read(length))
+                except Exception:  # noqa: BLE001 - others are raised for damage, too
+                    start -= _RESULT.size
+                    break
+                start += length
+            if kept:
+                file.truncate(start)
+
+
+def kept_in(path: Path) -> tuple[dict, dict[int, tuple[int, int]]]:
+    """What the search was asked for whose results a file keeps, and where each whole one begins and how long it
+    is, by the number of its task; ValueError where the file is of something else."""
+    with open(path, "rb") as file:
+        asked = json.loads(file.readline(_LONGEST))
+        if not isinstance(asked, dict) or asked.pop("format", None) != FORMAT:
+            raise ValueError(path)
+        kept, size = {}, os.fstat(file.fileno()).st_size
+        while len(head := file.read(_RESULT.size)) == _RESULT.size:
+            number, length = _RESULT.unpack(head)
+            if file.tell() + length > size:
+                break
+            kept[number] = file.tell(), length
+            file.seek(length, os.SEEK_CUR)
+    return asked, kept
 
 
 def _client(backend):
