@@ -59,7 +59,7 @@ def measure(
         case.layout: [partial(timing.afresh, Case(case.layout).pipeline)] for case in cases
     }
     setups = _compared(
-        timing.in_turn(makers, least=1, seconds=effort.seconds, turn=0.05, warm=False)
+        timing.in_turn(makers, least=3, seconds=effort.seconds, turn=0.05, warm=False)
     )
     pipelines, merits = [case.pipeline() for case in cases], []
     for case, pipeline in zip(cases, pipelines, strict=True):
