@@ -188,9 +188,8 @@ class State:
     settling: Settling | None = None  # what readings keep of the row before, where they do
     # channels that contradicted the others in the last frame that was asked, or rows of another state did
     doubted: frozenset[int] = frozenset()
-    covered: np.ndarray | None = (
-        None  # (E,) electrodes that lie under a conductor, as found in the last frame
-    )
+    # (E,) electrodes that lie under a conductor or beside one, as found in the last frame
+    covered: np.ndarray | None = None
 
     def become(self, other: State) -> None:
         """Go on as another one."""

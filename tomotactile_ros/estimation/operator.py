@@ -88,7 +88,6 @@ class SheetOperator:
 
     def __init__(self, layout: Layout, model: str = "auto"):
         self.layout, self._model = layout, model
-        self.position = np.arange(layout.electrodes)
         self.resistance = float(layout.sheet_resistance)
         self.pitch = float(np.median(layout.pitches))
         self.lattice = Lattice(np.array(layout.outline.size, float), _LATTICE)
@@ -96,7 +95,7 @@ class SheetOperator:
         self._rest: Rest | None = None
         self._solve(None)
         self._mean = np.zeros(self.modes)
-        self._use(self.position)
+        self._use(np.arange(layout.electrodes))
 
     @property
     def cut(self) -> Layout:
@@ -114,8 +113,10 @@ class SheetOperator:
         self.mutual = MutualTable(self.sheet, self.lattice, self._potentials, sensed)
         fem = self.sheet if isinstance(self.sheet, FemSheet) else FemSheet(cut)
         inverse = bordered_inverse(self.sheet.electrode_electrode, every)
-        fields = Displacement(cut, every, self.resistance, self._potentials, inverse)
-        self._first = first_order(fem, fields, self.lattice, self.pitch, field, _by_radius(cut))
+        self._fields = Displacement(cut, every, self.resistance, self._potentials, inverse)
+        self._first = first_order(
+            fem, self._fields, self.lattice, self.pitch, field, _by_radius(cut)
+        )
         self.field, self.rim = self._first.field, self._first.rim
         printed = float(np.sqrt(ALIKE)) * cut.tolerance.radius  # what is common to all radii
         self.deviation = np.concatenate([self.field.deviation, self.rim.deviation, [printed]])
@@ -130,9 +131,11 @@ class SheetOperator:
         self._inverse = bordered_inverse(self.sheet.electrode_electrode, used)
         self.admittance = self._inverse[:-1, :-1].copy()
         self.potentials = self._potentials.of(used)
-        self.displacement = Displacement(
-            self.cut, used, self.resistance, self.potentials, self._inverse
-        )
+        self.displacement = self._fields
+        if len(used) < self.layout.electrodes:
+            self.displacement = Displacement(
+                self.cut, used, self.resistance, self.potentials, self._inverse
+            )
         seen = np.abs(self.admittance) > _SEEN * np.abs(self.admittance.diagonal()).max()
         np.fill_diagonal(seen, False)
         self.seen = seen

@@ -192,16 +192,16 @@ class Work:
                 "without resume"
             ) from None
         with open(self._path, "r+b") as file:
+            file.readline(_LONGEST)
+            whole = file.tell()
             for number, (start, length) in kept.items():
                 file.seek(start)
                 try:
                     self._known[number] = pickle.loads(file.read(length))
                 except Exception:  # noqa: BLE001 - others are raised for damage, too
-                    start -= _RESULT.size
                     break
-                start += length
-            if kept:
-                file.truncate(start)
+                whole = start + length
+            file.truncate(whole)
 
 
 def kept_in(path: Path) -> tuple[dict, dict[int, tuple[int, int]]]:

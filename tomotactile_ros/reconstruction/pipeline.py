@@ -995,8 +995,9 @@ class Pipeline:
         left = 1 - np.where(read, frame, drive_voltage) / drive_voltage
         covered = open_grounds(left, read, noise / drive_voltage) & read.any(axis=1)
         silent, bad = bad, bad | covered
-        driven = driven_channels(frame, ~np.isnan(frame), drive_voltage)
-        covered |= silent & ~self._excluded & driven
+        silent = silent & ~self._excluded
+        if silent.any():
+            covered |= silent & driven_channels(frame, ~np.isnan(frame), drive_voltage)
         changes = latest_state(left[~bad], read[~bad], noise / drive_voltage) > 0
         used = np.flatnonzero(~bad)
         if len(used) < 2:
