@@ -115,6 +115,48 @@ def test_axes_are_told_from_shape_diagonal_and_currents(tmp_path, measured, axes
     imported(tmp_path / "cube.npy", many, axes=axes)
 
 
+@pytest.mark.parametrize(
+    ("name", "place", "force", "known"),
+    [
+        ("equal-8x8", (0.02, 0.013), 1.0, True),
+        ("hex-37", (-0.03, 0.01), 1.0, True),
+        ("ring-16", (0.012, -0.021), 1.0, False),  # exchanged, a mirrored contact fits as well
+        ("equal-4x4", PLACE, 0.0, False),
+    ],
+)
+@pytest.mark.parametrize("axes", ["NLE", "NEL"])
+def test_rows_are_told_from_electrodes_or_said_to_be_assumed(name, place, force, known, axes):
+    """With noise of 1 mV, 2 % between channels, and a reading that is stuck."""
+    layout = load_layout(name)
+    contact = Contact(shape="disc", center=place, radius=0.006, force=max(force, 1.0))
+    scene = Scene("press", 3.3, (contact,) * bool(force), ContactLaw(1e-4, 1.0), Noise(0.001))
+    frame = Simulator(layout, scene, row_period=0.0).frame(0.0, 0)
+    frame = frame * (1 + 0.02 * np.random.default_rng(0).normal(size=layout.electrodes))
+    frame[:, 5] = 0.7 * bool(force)
+    np.fill_diagonal(frame, np.nan)
+    given = frame if axes == "NLE" else frame.T
+    found = import_frames(given, layout)
+    (told,) = (line for line in found.told if "axes" in line)
+    assert ("by the readings" in told, "assumed, not known" in told) == (known, not known)
+    np.testing.assert_array_equal(found.frames.voltages[0], frame if known else given)
+    assert "--axes NEL" in told or (known and axes == "NLE")
+    meant = import_frames(given, layout, axes=axes)
+    np.testing.assert_array_equal(meant.frames.voltages[0], frame)
+
+
+@pytest.mark.parametrize("end", ["", ","])
+@pytest.mark.parametrize(("frames", "timed"), [(1, False), (5, False), (E, False), (5, True)])
+def test_lines_of_frames_may_end_with_nothing(tmp_path, measured, frames, end, timed):
+    """The last electrode's own reading is missing, or each line ends with a separator."""
+    many = np.concatenate([measured] * 4)[:frames]
+    lines = without_own(many).reshape(frames, -1)
+    if timed:
+        lines = np.column_stack([0.1 * np.arange(frames), lines])
+    path = write(tmp_path / "lines.csv", lines, ",")
+    path.write_text(path.read_text().replace("nan", "").replace("\n", end + "\n"))
+    imported(path, many)
+
+
 def test_counts_need_their_bits(tmp_path, measured):
     counts = np.round(np.clip(measured, 0, None) / 3.3 * 4096)
     np.save(tmp_path / "counts.npy", counts.astype(np.uint16))

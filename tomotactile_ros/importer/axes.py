@@ -20,12 +20,18 @@ _BETTER = 0.2  # of the rows: so much better another order of axes must fit than
 
 @dataclass(frozen=True, eq=False)
 class Arranged:
-    """voltages (N, L, E), the order of the axes that they had, and others that fit as well, but for
-    rows and electrodes exchanged."""
+    """voltages (N, L, E), the order of the axes that they had, others that fit as well, but for
+    rows and electrodes exchanged, and a line about all this where there is one."""
 
     voltages: np.ndarray
-    axes: str
-    others: tuple[str, ...]
+    axes: str = USUAL
+    others: tuple[str, ...] = ()
+    told: str = ""
+
+
+def exchange(axes: str) -> str:
+    """The order with rows and electrodes exchanged."""
+    return axes.translate(str.maketrans("LE", "EL"))
 
 
 def named(axes: str) -> str:
@@ -70,11 +76,10 @@ def arrange(
     for order, score in scores.items():
         if score > scores[best] + _BETTER:
             best = order
-    exchanged = best.translate(str.maketrans("LE", "EL"))  # currents tell which of the two it is
     others = [
         order
         for order in found
-        if order not in (best, exchanged) and scores[order] >= scores[best] - _BETTER
+        if order not in (best, exchange(best)) and scores[order] >= scores[best] - _BETTER
     ]
     return Arranged(found[best], best, tuple(others))
 

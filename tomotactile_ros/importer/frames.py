@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,12 +13,15 @@ from tomotactile_ros.devices.recording import check_unit
 from tomotactile_ros.frames_file import DEFAULT_DRIVE, FramesFile, save_arrays
 from tomotactile_ros.importer.axes import (
     USUAL,
+    Arranged,
     arrange,
+    exchange,
     grounded_where_missing,
     named,
     rows_of_a_frame,
 )
-from tomotactile_ros.importer.leading import Columns, take_off
+from tomotactile_ros.importer.exchanged import look_exchanged
+from tomotactile_ros.importer.leading import Columns, take_off, without_end
 from tomotactile_ros.importer.orders import in_order
 from tomotactile_ros.importer.tables import Table, read_table
 from tomotactile_ros.importer.units import doubt_of_shares, in_volts, refuse_differences
@@ -80,8 +83,8 @@ def import_frames(
     ----------
     source : path, or numbers of any shape
     axes : N (frames), L (rows) and E (electrodes) in the order of the indices, slowest first, `NLE`
-        for rows of electrodes one below the other; None: from the shape, and from where the grounded
-        electrodes' own readings lie
+        for rows of electrodes one below the other; None: from the shape, from where the grounded
+        electrodes' own readings lie, and from the signs of currents, or assumed and told so
     grounded : (L,) electrode of each row, from 0; None: from a column, from which readings are
         missing, or as the layout scans
     order : `pyeit` or `eidors`, of whose measurements the readings are; rotated : their `rotate_meas`
@@ -109,22 +112,28 @@ def import_frames(
             columns.values = np.where(np.isinf(columns.values), np.nan, columns.values)
             told.append(f"infinite readings taken for missing: {infinite}")
         chosen, how = _grounded(columns, layout, grounded)
-        voltages, line = _arranged(columns.values, chosen, layout, axes, order, rotated)
-        told.append(line)
-        chosen, how = _checked_ground(voltages, chosen, how)
-        told.append(f"grounded {how}: {_listed(chosen)}")
-        voltages, line = in_volts(voltages, drive_voltage, unit, bits, full_scale)
+        found = _arranged(columns.values, chosen, layout, axes, order, rotated)
+        chosen, how = _checked_ground(found.voltages, chosen, how)
+        voltages, line = in_volts(found.voltages, drive_voltage, unit, bits, full_scale)
         refuse_differences(voltages, chosen, drive_voltage, not missing)
         voltages[:, np.arange(len(chosen)), chosen] = np.nan
-        told.append(line + ("" if unit else doubt_of_shares(voltages, drive_voltage)))
+        line += "" if unit else doubt_of_shares(voltages, drive_voltage)
         check_unit("", voltages, drive_voltage)
-        if (
-            axes is None
-            and order is None
-            and are_exchanged(layout, voltages, chosen, drive_voltage, Settings().noise)
-        ):
-            voltages = voltages.transpose(0, 2, 1)
-            told.append("rows and columns exchanged: currents would flow back otherwise (--axes)")
+        known: bool | None = None
+        if axes is None and order is None and _may_be_exchanged(chosen, how, layout):
+            noise, square = Settings().noise, voltages[:, np.argsort(chosen)]
+            exchanged = look_exchanged(square, noise, Settings().threshold * noise)
+            if exchanged is None:  # the layout may tell, but only the one way
+                exchanged = are_exchanged(layout, voltages, chosen, drive_voltage, noise) or None
+            known = exchanged is not None
+            if exchanged:
+                voltages, chosen = voltages.transpose(0, 2, 1), np.argsort(chosen)
+                found = replace(found, axes=exchange(found.axes))
+        told += [
+            found.told or _axes_told(found, len(chosen), axes is not None, known),
+            f"grounded {how}: {_listed(chosen)}",
+            line,
+        ]
         refuse_mistakes(layout, voltages, chosen, drive_voltage, Settings().noise)
         period, stamps, line = _times(columns.times, len(voltages), len(chosen), row_period, rate)
         told.append(line)
@@ -142,7 +151,10 @@ def _columns(table: Table, layout: Layout, order: str | None, time_unit: str | N
     widths = [each, *(each * count for count in rows)]
     if order is not None:
         widths += [each - 1, *((each - 1) * count for count in rows)]
-    columns = take_off(table.values, table.names, tuple(widths), each, time_unit)
+    values = without_end(table.values, tuple(widths))
+    columns = take_off(values, table.names, tuple(widths), each, time_unit)
+    if values.shape != table.values.shape:
+        columns.told.append(f"column {values.shape[1] + 1} is empty, left out")
     columns.values = np.atleast_1d(np.squeeze(columns.values))
     return columns
 
@@ -182,18 +194,35 @@ def _arranged(
     axes: str | None,
     order: str | None,
     rotated: bool,
-) -> tuple[np.ndarray, str]:
+) -> Arranged:
     """(N, L, E) readings, and how they lay."""
     if order is not None:
-        return in_order(values, grounded, layout.electrodes, order, rotated)
+        voltages, told = in_order(values, grounded, layout.electrodes, order, rotated)
+        return Arranged(voltages, told=told)
     if rotated:
         raise InputError("rotated: only readings in the order of pyeit or eidors are (--order)")
     found = arrange(values, grounded, layout.electrodes, axes)
-    line = f"{len(found.voltages)} frames of {len(grounded)} rows, axes {named(found.axes)}"
-    if axes is None and (found.axes != USUAL or found.others):
-        others = f"; {', '.join(found.others)} fits as well" if found.others else ""
-        line += f" (--axes {found.axes}{others})"
-    return found.voltages.copy(), line
+    return replace(found, voltages=found.voltages.copy())
+
+
+def _may_be_exchanged(grounded: np.ndarray, how: str, layout: Layout) -> bool:
+    """Whether rows and electrodes would look alike if they were exchanged: not where the lines of a
+    text name what is grounded, or the grounded electrodes' own readings lay elsewhere."""
+    if how == "from their column" or len(grounded) != layout.electrodes:
+        return False
+    return how == "where readings are missing" or np.array_equal(grounded, np.argsort(grounded))
+
+
+def _axes_told(found: Arranged, rows: int, given: bool, known: bool | None) -> str:
+    """The line about axes; known : whether the readings tell rows from electrodes, None where something
+    else does."""
+    line = f"{len(found.voltages)} frames of {rows} rows, axes {named(found.axes)}"
+    line += {None: "", True: ", by the readings", False: ", assumed, not known"}[known]
+    options = [f"--axes {found.axes}"] if found.axes != USUAL or found.others else []
+    options += [f"{', '.join(found.others)} fits as well"] if found.others else []
+    if known is False:
+        options.append(f"if not, --axes {exchange(found.axes)}")
+    return line + (f" ({'; '.join(options)})" if options and not given else "")
 
 
 def _times(

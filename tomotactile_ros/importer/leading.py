@@ -81,6 +81,20 @@ def take_off(
     return found
 
 
+def without_end(values: np.ndarray, widths: tuple[int, ...]) -> np.ndarray:
+    """Lines (R, C) without an empty last column, which a separator at their ends makes; kept where it is
+    that of a reading, as lines of one of `widths` readings need it.
+
+    Behind other columns both fit: own readings that are missing begin with the first reading of a line.
+    """
+    empty = np.isnan(values).all(axis=0)
+    rest = values.shape[1] - 1
+    if not empty[-1] or rest + 1 in widths:
+        return values
+    extra = next((rest - w for w in widths if 0 <= rest - w <= _MOST), 0)
+    return values if empty[:-1].any() and not empty[extra] else values[:, :-1]
+
+
 def _unit_of(name: str) -> str:
     unit = _UNIT.search(name)
     if not unit:

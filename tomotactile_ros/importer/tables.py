@@ -123,8 +123,6 @@ def _text(path: Path, missing: Sequence[str]) -> Table:
     if not rows:
         raise InputError(f"{path}: holds a header and no numbers")
     width = len(rows[0][1])
-    if not rows[0][1][-1] and all(not cells[-1] for _, cells in rows):
-        width -= 1  # each line ends with a separator
     values = np.empty((len(rows), width))
     for place, (number, cells) in enumerate(rows):
         if len(cells) != width and (len(cells) != width + 1 or cells[-1]):
