@@ -28,6 +28,7 @@ class Steps:
 
     def __init__(self):
         self._now = self._before = 0.0
+        self._since = -np.inf
         self.waits, self._news = 0, None  # how often the device has waited, and for what
         self._waiting = threading.Condition()
 
@@ -36,6 +37,9 @@ class Steps:
 
     def before(self):
         return self._before
+
+    def since(self):
+        return self._since
 
     def stamp(self, when):
         return when
@@ -57,6 +61,11 @@ class Steps:
                     self._news.set()
             if wait:
                 self.settle(waits)
+
+    def set_ahead(self, to):
+        """Go on as a clock that is set."""
+        self._since = to
+        self.go(to)
 
     def settle(self, waits=0):
         """Until the device waits, for more than the `waits`-th time."""
@@ -125,6 +134,21 @@ def test_it_rests_while_time_does_and_begins_anew_where_that_is_set_back(run):
     assert np.allclose(again.voltages, sensor.frames[0].voltages, rtol=1e-4, equal_nan=True)
 
 
+@pytest.mark.parametrize("rows", [False, True])
+def test_time_that_is_set_ahead_is_not_lost(run, rows):
+    """All frames of 5000 s were, and the one under way was told as old as that."""
+    sensor = run(fake(), rows)
+    sensor.time.go(50.0, 50.11)
+    sensor.time.set_ahead(5000.0)
+    sensor.time.go(5000.06, 5000.11, 5000.22)
+    assert stamps(sensor.frames) == pytest.approx([50.0, 5000.0, 5000.1])
+    assert [frame.sequence for frame in sensor.frames] == [0, 1, 2]
+    assert not any(50.09 < stamp < 5000.0 for stamp in stamps(sensor.rows))
+    status = sensor.device.status()
+    assert status.counters["frames_skipped"] == 0 and status.counters["latency_max"] < 0.1
+    assert not status.troubles
+
+
 def test_a_simulation_that_cannot_keep_up_leaves_frames_out(run):
     device, held, begun = fake(), threading.Event(), threading.Event()
     original = device._simulator.frame
@@ -162,6 +186,14 @@ def test_a_recording_keeps_its_distances_in_the_time(run, recording, rows):
     sensor.time.go(30.0, 30.05, 30.11, 30.22, 30.33)  # and goes on from there
     anew = [stamp for stamp in stamps(sensor.frames) if stamp < 99.0]
     assert anew == pytest.approx([30.1, 30.2] if rows else [30.0, 30.1, 30.2])
+
+
+def test_a_recording_goes_on_where_the_time_is_set_ahead(run, recording):
+    sensor = run(ReplayDevice(recording, 4))
+    sensor.time.go(100.0, 100.11)
+    sensor.time.set_ahead(5000.0)
+    sensor.time.go(5000.11, 5000.22)
+    assert stamps(sensor.frames) == pytest.approx([99.9, 100.0, 4999.9, 5000.0, 5000.1])
 
 
 @pytest.mark.parametrize("rows", [False, True])

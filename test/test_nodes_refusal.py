@@ -169,6 +169,18 @@ def test_frames_that_have_become_old_are_an_error_at_once(watch, clock):
     assert slow.text == "frames are 5 s old: an image takes 4.8 s"
 
 
+def test_what_is_late_is_one_number(watch):
+    """Each frame once, though it is told late because its deadline was missed, or was skipped before."""
+    for number, latency, complete in (
+        (0, 0.1, True),
+        (1, 0.1, False),
+        (3, 0.2, True),
+        (4, 0.2, False),
+    ):
+        watch.accepted(number, float(number), latency, 0.1, 0.064, 0.05, complete)
+    assert (watch.late(), watch.cut()) == ("4 of 5 frames", "2 of 4 frames")
+
+
 def test_stamps_ahead_and_going_back_and_rows_longer_than_their_frames_are_told(watch, clock):
     """A row_period in ms: contacts would hold, as their stamps say, a minute after their frames."""
     for lasts, latency, step, found in (

@@ -68,6 +68,9 @@ def test_a_simulated_sensor_lives_in_simulated_time(probe, start, scene):
     clock.now = 500.0  # a simulation that begins anew
     probe.until(lambda: 500.0 < of_time(frames)[-1] < 900.0, "a frame of the new simulation")
     probe.until(lambda: any(500.0 < t < 900.0 for t in of_time(known())), "contacts in it")
+    clock.now, before = 5000.0, frames[-1].sequence  # nor is one that is set ahead a loss
+    probe.until(lambda: of_time(frames)[-1] >= 5000.0, "a frame after that")
+    assert frames[-1].sequence - before < 100
     ends_cleanly(sensor)
 
 
@@ -87,6 +90,7 @@ def test_nothing_grows_old_while_a_slow_simulation_goes_on(probe, start, scene):
     assert "no contacts for" in heard[-1].reason
     still = DiagnosticStatus.ERROR, "simulated time stands still"
     ros_checks.check_diagnostics(probe, RECONSTRUCTION, *still)
+    ros_checks.check_diagnostics(probe, "driver: device", *still)
     ends_cleanly(sensor)
 
 

@@ -83,7 +83,7 @@ def open_chain(args: Namespace, layout: Layout) -> tuple[Device, Scene | None, P
 def shots(stream: FrameStream, pipeline: Pipeline, duration: float | None):
     """Images of the newest frames, for `duration` s from the first one on."""
     arrivals: deque[float] = deque(maxlen=32)
-    # of each frame that was shown: how many came since the one before, and how many of them late
+    # of each frame that was shown: how many came since the one before, how many of them late or cut
     late_ones: deque[tuple[int, int]] = deque(maxlen=128)
     first = before = None
     while not stream.ended:
@@ -98,7 +98,8 @@ def shots(stream: FrameStream, pipeline: Pipeline, duration: float | None):
             first = frame.stamp - frame.sequence * lasts, arrivals[0]
         since = 1 if before is None else max(frame.sequence - before, 1)
         before = frame.sequence
-        late_ones.append((since, since - 1 + (age - lasts > limit)))
+        late = age - lasts > limit or not result.complete
+        late_ones.append((since, since - 1 + late))
         total, late = np.sum(late_ones, axis=0).tolist()
         span = arrivals[-1] - arrivals[0]
         yield Shot(

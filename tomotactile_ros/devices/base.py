@@ -247,6 +247,7 @@ class ThreadedDevice:
         while not self._stop.is_set() and self._now() <= 0.0:
             self._set_state("stopped", NO_TIME)
             self._pause(math.inf)
+            self._set_state("streaming", "the first frame is under way")
         self._latest = self._now()
         return not self._stop.is_set()
 
@@ -262,8 +263,9 @@ class ThreadedDevice:
             self._call(self._on_rows, rows)
 
     def _is_wanted(self, last_sample: float | None, whole: bool = True) -> bool:
-        """False where the device is closed, or for what is too old, which is counted and told."""
-        if self._stopped():
+        """False where the device is closed, for what is of before the time was set, or for what is too
+        old, which is counted and told."""
+        if self._stopped() or (last_sample is not None and last_sample < self.time.since()):
             return False
         now = self._now()
         age = 0.0 if last_sample is None else now - last_sample

@@ -37,7 +37,8 @@ class FakeDevice(ThreadedDevice):
     at the end and stamped with its beginning.  A simulation too slow for the rate leaves frames out
     (`frames_skipped`), so that time in the scene stays time in the world. Where that is simulated
     time, which goes on in steps, all that was due within a step is handed over at its end; where it
-    is set back, the scene begins anew.
+    is set ahead, the frame under way is dropped and the scene goes on there; where it is set back,
+    that begins anew.
 
     Where rows are wanted while their frame is under way, the frame is computed before it begins.
 
@@ -135,6 +136,9 @@ class FakeDevice(ThreadedDevice):
                 return
             self._set_state("streaming", f"simulated, {1.0 / scan.period:g} frames/s")
             self._deliver(self._frame(scan, voltages), end)
+            if end < self.time.since():  # it was dropped, and nothing of the time left out is lost
+                start = self.time.since()
+                continue
             behind = max(int((self.time.before() - end) / scan.period), 0)
             self._skipped += behind
             self.health.frames_lost(behind)

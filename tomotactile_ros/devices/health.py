@@ -19,8 +19,11 @@ class DeadChannels:
     of `window` frames.  Something presses when the median span exceeds 5 % of the drive voltage;
     only then can dead and idle be told apart.  An electrode is called dead while its span is below
     2 % of the median span; with nothing on the sheet that verdict stays.  It is also called dead
-    while it has no valid reading in a whole window.
+    while it has no valid reading in a whole window.  One that stays at the drive voltage is not: a
+    conductor may lie on it, which only the readings of its neighbours tell.
     """
+
+    AT_DRIVE = 0.1  # of the drive voltage: as far from it channels of different gains read it
 
     def __init__(self, window: int = 64) -> None:
         self.dead: tuple[int, ...] = ()
@@ -52,7 +55,9 @@ class DeadChannels:
         invalid = np.isnan(span)
         median = 0.0 if invalid.all() else np.median(span[~invalid])
         if median > 0.05 * drive_voltage:
-            self._constant = set(np.flatnonzero(span < 0.02 * median).tolist())
+            beside = np.abs(self._high + self._low - 2 * drive_voltage) / 2
+            constant = (span < 0.02 * median) & (beside > self.AT_DRIVE * drive_voltage)
+            self._constant = set(np.flatnonzero(constant).tolist())
         self.dead = tuple(sorted(self._constant.union(np.flatnonzero(invalid).tolist())))
 
 

@@ -151,7 +151,8 @@ class ReplayDevice(ThreadedDevice):
                 self._pause(now + 1.0)
                 due = self._now()
             elif due <= now:
-                return due if due > self.time.before() - self.BEHIND else now
+                earliest = max(self.time.before() - self.BEHIND, self.time.since())
+                return due if due >= earliest else now
             else:
                 self._pause(due)
                 due = min(due, self._now() + self._step(distance))

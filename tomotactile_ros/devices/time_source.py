@@ -6,6 +6,7 @@ with an event that the time sets whenever it goes on, and asks again.
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from typing import Protocol
@@ -23,6 +24,9 @@ class TimeSource(Protocol):
         """The time it was before the last step: what was due since then is not late. Of a time that
         goes evenly: `now`."""
 
+    def since(self) -> float:
+        """The time that it was set to last: what was due before then is of no use, and not lost."""
+
     def stamp(self, when: float) -> float:
         """What a time of `now` is in stamps."""
 
@@ -38,6 +42,10 @@ class HostTime:
         return time.monotonic()
 
     before = now
+
+    def since(self) -> float:
+        """It is never set."""
+        return -math.inf
 
     def stamp(self, when: float) -> float:
         """Unix time of a time of `now`, s."""

@@ -30,7 +30,9 @@ from tomotactile_ros.nodes.conversions import frame_to_message, make_header
 from tomotactile_ros.nodes.data_source import level_of, nature, outcome
 from tomotactile_ros.nodes.diagnostics import Diagnostics, Report
 from tomotactile_ros.nodes.node_time import (
+    STANDS_STILL,
     NodeTime,
+    PassingTime,
     clock_of,
     is_timeless,
     seconds_now,
@@ -145,7 +147,7 @@ class Driver:
         self.parameters = Parameters(node, SPECS, self._change)
         self.listeners: list[Callable[[Frame, str, Header], None]] = []
         self.row_listeners: list[Callable[[Frame, str, Header], None]] = []
-        self._time = NodeTime(node)
+        self._time, self._passing = NodeTime(node), PassingTime(node)
         self._device: Device | None = None
         self._layout: Layout  # of `configure`
         self._active = False
@@ -231,6 +233,8 @@ class Driver:
 
     def _own_troubles(self, dead: tuple[int, ...]) -> list[Trouble]:
         found = troubles_of_time(self._node)
+        if self._passing.stands_still():
+            found.append(Trouble("still", True, STANDS_STILL))
         if dead:
             electrodes = ", ".join(map(str, dead))
             text = f"electrodes that look dead: {electrodes}"

@@ -6,6 +6,7 @@ docs/topics.md lists who uses which clock.
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from typing import cast
@@ -18,6 +19,10 @@ from tomotactile_ros.devices.health import Trouble
 from tomotactile_ros.devices.time_source import NO_TIME, HostTime
 
 _STILL = 1.0  # s without a step of simulated time after which it is taken to stand still
+# s by which a step of simulated time is longer than the real time since the one before: it was set, and did not
+# go by; /clock is usually published at least ten times a second, also where it goes ten times as fast
+_SET = 1.0
+STANDS_STILL = "simulated time stands still, /clock tells no later time (use_sim_time is set)"
 
 
 def clock_of(node: Node) -> ROSClock:
@@ -49,7 +54,8 @@ class NodeTime:
         self._clock, self._host = clock_of(node), HostTime()
         self._lock = threading.Lock()
         self._waiting: set[threading.Event] = set()
-        self._before = 0.0
+        self._before, self._since = 0.0, -math.inf
+        self._steady = time.monotonic()  # s, when the last step was
         least = Duration(nanoseconds=1)
         threshold = JumpThreshold(
             min_forward=least, min_backward=Duration(nanoseconds=-1), on_clock_change=True
@@ -67,6 +73,10 @@ class NodeTime:
     def before(self) -> float:
         """The time it was before the last step, s."""
         return self._before if self._clock.ros_time_is_active else self._host.now()
+
+    def since(self) -> float:
+        """The time that it was set to last, s."""
+        return self._since if self._clock.ros_time_is_active else self._host.since()
 
     def stamp(self, when: float) -> float:
         """What a time of `now` is in stamps, s."""
@@ -90,6 +100,10 @@ class NodeTime:
         self._before = self.now()
 
     def _go_on(self, jump: TimeJump) -> None:
+        now, steady = self.now(), time.monotonic()
+        if not 0 <= now - self._before <= steady - self._steady + _SET:
+            self._since = now
+        self._steady = steady
         with self._lock:
             for news in self._waiting:
                 news.set()

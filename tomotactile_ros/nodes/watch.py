@@ -8,7 +8,7 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from tomotactile_ros.devices.health import Recent, Trouble, late_of
 from tomotactile_ros.devices.time_source import NO_TIME
-from tomotactile_ros.nodes.node_time import PassingTime, clock_of, is_timeless
+from tomotactile_ros.nodes.node_time import STANDS_STILL, PassingTime, clock_of, is_timeless
 from tomotactile_ros.support.checks import plain
 
 TYPE = "tomotactile_ros/msg/VoltageFrame"
@@ -51,7 +51,7 @@ class FrameWatch:
         self._since = self._begun = self._now()
         self._refusal = self._last_refusal = self._incompatible = ""
         # frames processed, missed, refused, stamped before the one before, longer than from one to
-        # the next, numbered before the one before, told late, cut by the deadline
+        # the next, numbered before the one before, told late or cut, cut by the deadline
         self._recent = Recent(8, _WINDOW, self._now)
         self._lasts = self._step = 0.0
 
@@ -79,7 +79,7 @@ class FrameWatch:
         if overlong:
             self._lasts, self._step = lasts, step
         self._sequence, self._stamp = sequence, stamp
-        late = latency - lasts > deadline
+        late = latency - lasts > deadline or not complete
         self._recent.add(1, missed, 0, back, overlong, gap > 2**31, late, not complete)
         self.processed += 1
         self._latencies.append(latency)
@@ -155,7 +155,8 @@ class FrameWatch:
         return found
 
     def late(self) -> str:
-        """How many frames of the last 10 s were told late or not at all, for people."""
+        """How many frames of the last 10 s were told late, cut by the deadline or not told at all, each
+        once, for people."""
         processed, missed, *_, late, _ = self._recent.sums().astype(int).tolist()
         return late_of(missed + late, processed + missed, "frames")
 
@@ -201,7 +202,7 @@ class FrameWatch:
         if is_timeless(self._node):
             return f"no frames are used: {NO_TIME} (use_sim_time is set)"
         if self._time.stands_still():
-            return "no frames: simulated time stands still, /clock tells no later time (use_sim_time is set)"
+            return f"no frames: {STANDS_STILL}"
         if not publishers:
             self._refusal = self._incompatible = ""  # of one that has gone
             return (
