@@ -1,6 +1,7 @@
 """Nodes with `use_sim_time`: a simulated sensor lives in the time of /clock, and ages are measured with it."""
 
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from rosgraph_msgs.msg import Clock
 
 from tomotactile_ros.msg import ContactArray, VoltageFrame
 from tomotactile_ros.nodes.conversions import stamp_of
+from tomotactile_ros.nodes.node_time import NodeTime
 
 RECONSTRUCTION = "reconstruction: reconstruction"
 TIMELESS = DiagnosticStatus.ERROR, "nobody publishes /clock"
@@ -33,6 +35,38 @@ class SimulatedClock:
             message = Clock()
             message.clock.sec, message.clock.nanosec = divmod(int(self.now * 1e9), 10**9)
             self._publisher.publish(message)
+
+
+class SteppedClock:
+    """A clock of a node that goes on when it is told."""
+
+    ros_time_is_active, ns = True, 0
+
+    def now(self):
+        return SimpleNamespace(nanoseconds=self.ns)
+
+    def create_jump_callback(self, threshold, *, pre_callback, post_callback):
+        self._pre, self._post = pre_callback, post_callback
+
+    def go(self, to):
+        self._pre()
+        self.ns = int(to * 1e9)
+        self._post(None)
+
+
+def test_time_is_set_by_a_step_out_of_turn_and_not_by_each_of_a_fast_simulation():
+    clock = SteppedClock()
+    time_there = NodeTime(SimpleNamespace(get_clock=lambda: clock))
+    for to, since in (
+        (100, 100),
+        (110, 100),
+        (120.5, 100),
+        (5000, 5000),
+        (5000.01, 5000),
+        (50, 50),
+    ):
+        clock.go(to)
+        assert time_there.since() == since
 
 
 def of_time(messages):

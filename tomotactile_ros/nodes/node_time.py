@@ -19,8 +19,8 @@ from tomotactile_ros.devices.health import Trouble
 from tomotactile_ros.devices.time_source import NO_TIME, HostTime
 
 _STILL = 1.0  # s without a step of simulated time after which it is taken to stand still
-# s by which a step of simulated time is longer than the real time since the one before: it was set, and did not
-# go by; /clock is usually published at least ten times a second, also where it goes ten times as fast
+# s by which a step of simulated time is longer than the step before and the real time since that: it was set, and
+# did not go by; /clock is usually published at least ten times a second, also where it goes ten times as fast
 _SET = 1.0
 STANDS_STILL = "simulated time stands still, /clock tells no later time (use_sim_time is set)"
 
@@ -55,7 +55,7 @@ class NodeTime:
         self._lock = threading.Lock()
         self._waiting: set[threading.Event] = set()
         self._before, self._since = 0.0, -math.inf
-        self._steady = time.monotonic()  # s, when the last step was
+        self._steady, self._step = time.monotonic(), 0.0  # s, when the last step was, and how long
         least = Duration(nanoseconds=1)
         threshold = JumpThreshold(
             min_forward=least, min_backward=Duration(nanoseconds=-1), on_clock_change=True
@@ -101,9 +101,10 @@ class NodeTime:
 
     def _go_on(self, jump: TimeJump) -> None:
         now, steady = self.now(), time.monotonic()
-        if not 0 <= now - self._before <= steady - self._steady + _SET:
+        step = now - self._before
+        if not 0 <= step <= self._step + steady - self._steady + _SET:
             self._since = now
-        self._steady = steady
+        self._steady, self._step = steady, step
         with self._lock:
             for news in self._waiting:
                 news.set()
