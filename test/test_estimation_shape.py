@@ -109,3 +109,17 @@ def test_a_sheet_at_the_end_of_the_converters_range_is_not_told_wrong():
         assert abs(contact.force - load.truths[0][0]["force"]) < 2.5 * contact.force_std
     else:
         assert "end of the converter's range" in result.reason
+
+
+def test_a_plate_that_rests_stays_where_it_is():
+    """Frames after the first go on by the equations of the one before, as long as these serve."""
+    plate = states("wide-8x8", "plate of 60 mm")
+    wiring, seen = Wiring(), potentials(plate.seen[0], Wiring())
+    pipeline = Pipeline(plate.layout, Settings("accurate", noise=NOISE, contact_law=LAW))
+    found = [
+        pipeline.process(readings(seen, wiring, (3, k)), plate.layout.grounded, DRIVE)
+        for k in range(5)
+    ]
+    places = np.array([[each.contacts[0].x, each.contacts[0].y] for each in found])
+    assert all(len(each.contacts) == 1 and each.misfit < 1.1 for each in found)
+    assert np.ptp(places, axis=0).max() < 2e-4

@@ -63,6 +63,14 @@ std::vector<Matrix> matrices(const Array& a, const char* name) {
   return out;
 }
 
+// Matrices side by side, or each below the one before.
+Matrix beside(const std::vector<Matrix>& each, bool below = false) {
+  const Index rows = each.empty() ? 0 : each[0].rows(), columns = each.empty() ? 0 : each[0].cols(), count = Index(each.size());
+  Matrix out(below ? rows * count : rows, below ? columns : columns * count);
+  for (Index j = 0; j < count; ++j) out.block(below ? rows * j : 0, below ? 0 : columns * j, rows, columns) = each[j];
+  return out;
+}
+
 std::array<Matrix, 2> two(const Array& a, const char* name) {
   std::vector<Matrix> found = matrices(a, name);
   if (found.size() != 2) refuse(name, "of two matrices");
@@ -202,13 +210,12 @@ std::shared_ptr<Tables> tables(const py::dict& of) {
         each.cast<std::tuple<int, std::complex<double>, std::complex<double>, std::complex<double>>>();
     t->mirrors.push_back({electrode, straight, turned, shift});
   }
-  t->change = matrices(array_of("change"), "change");
-  for (Matrix& each : t->change) each.transposeInPlace();
+  t->change = beside(matrices(array_of("change"), "change"));  // each of them symmetric
   const auto seen = of["seen"].cast<Booleans>();
   if (seen.ndim() != 2 || seen.shape(0) != seen.shape(1)) refuse("seen", "(n, n)");
   t->seen.resize(seen.shape(0), seen.shape(1));
   std::copy(seen.data(), seen.data() + seen.size(), t->seen.data());
-  t->share_change = matrices(array_of("share_change"), "share_change");
+  t->share_change = beside(matrices(array_of("share_change"), "share_change"), true);
   t->inside = vector(array_of("inside"), "inside");
   t->printed = of["printed"].cast<double>();
   t->cells = matrix<Points>(array_of("cells"), "cells", 2);
@@ -489,6 +496,7 @@ PYBIND11_MODULE(TOMOTACTILE_MODULE, m) {
         const Fit& fit = *behind<Fit>(of);
         return e.score(fit, free_of(free, fit.unknowns.contacts.cols()));
       })
+      .def("serves", [](const Equations& e, const py::object& fit) { return e.serves(*behind<Fit>(fit)); })
       .def("unevenness", [](const Equations& e, const py::object& fit) { return e.unevenness(*behind<Fit>(fit)); })
       .def_property_readonly("sheet_columns", [](const Equations& e) { return columns(e.sheet->flat, e.fit->misfit.rows()); });
 

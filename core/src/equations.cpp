@@ -11,7 +11,7 @@ constexpr double kSmall = 0.25;     // radius of the smallest contact, typical r
 constexpr double kPoint = 0.02;     // spacings: a radius that nothing tells from a point
 constexpr double kRounding = 1e-11; // of the diagonal of the normal matrix
 constexpr double kAlike = 0.1;      // of the largest admittance that a shape adds: the same for shapes
-constexpr double kStill = 0.01;     // the same for derivatives by the contacts
+constexpr double kStill = 0.01;     // both for derivatives by contacts
 constexpr double kBent = 0.02;      // of `answering`: with more between them equations of one fit tell wrong deviations
 
 Vector scale_of(const Matrix& normal) { return normal.diagonal().cwiseSqrt().cwiseInverse(); }
@@ -19,6 +19,12 @@ Vector scale_of(const Matrix& normal) { return normal.diagonal().cwiseSqrt().cwi
 Matrix scaled(const Matrix& normal, const Vector& scale) { return scale.asDiagonal() * normal * scale.asDiagonal(); }
 
 Eigen::Map<const Vector> flat_of(const Matrix& matrix) { return {matrix.data(), matrix.size()}; }
+
+// Whether cells add nearly the same to Y: neighbours may exchange what they conduct.
+bool add_alike(const Fit& fit, const Matrix& known, double within) {
+  const Matrix added = fit.prediction->middle().added();
+  return (added - known).cwiseAbs().maxCoeff() < within * added.cwiseAbs().maxCoeff();
+}
 
 Matrix times_weights(const Matrix& columns, const Matrix& weights) { return flat_of(weights).asDiagonal() * columns; }
 
@@ -44,20 +50,17 @@ SheetColumns::SheetColumns(const Fit& fit)
   if (bonded_) added_ = fit.prediction->middle().added();
 }
 
-bool SheetColumns::serves(const Fit& fit) const {
-  bool near;
-  if (bonded_ && fit.unknowns.bond.size()) {  // neighbours may exchange what they conduct
-    const Matrix added = fit.prediction->middle().added();
-    near = (added - added_).cwiseAbs().maxCoeff() < kAlike * added.cwiseAbs().maxCoeff();
-  } else {
-    near = similar(fit.unknowns.contacts, contacts_, fit.sheet->tables().pitch, kSimilar);
-  }
+bool SheetColumns::serves(const Fit& fit, double within) const {
+  const bool near = bonded_ && fit.unknowns.bond.size()
+                        ? add_alike(fit, added_, kAlike)
+                        : similar(fit.unknowns.contacts, contacts_, fit.sheet->tables().pitch, within);
   return near && rows_->same(*fit.rows);
 }
 
-Equations::Equations(std::shared_ptr<const Fit> at, Matrix flat, const Matrix& of_contacts, std::shared_ptr<const SheetColumns> known)
+Equations::Equations(std::shared_ptr<const Fit> at, Matrix flat, const Matrix& of_contacts, std::shared_ptr<const SheetColumns> known,
+                     double within)
     : fit(std::move(at)), contacts(std::move(flat)),
-      sheet(known && known->serves(*fit) ? std::move(known) : std::make_shared<SheetColumns>(*fit)),
+      sheet(known && known->serves(*fit, within) ? std::move(known) : std::make_shared<SheetColumns>(*fit)),
       channels(contacts, sheet->weighted, fit->rows->weights, fit->slopes(), *fit->prior) {
   const Index f = contacts.cols(), modes = sheet->flat.cols();
   normal.resize(f + modes, f + modes);
@@ -142,9 +145,14 @@ bool Equations::bends(const Fit& other) const {
 
 bool Equations::serves(const Fit& other) const {
   const Unknowns &known = fit->unknowns, &here = other.unknowns;
-  return known.free.cols() == here.free.cols() && (known.free == here.free).all() && !known.is_moving() && !here.is_moving() &&
-         fit->rows->same(*other.rows) && fit->prior->same_sensor(*other.prior) &&
-         similar(known.contacts, here.contacts, fit->sheet->tables().pitch, kStill) && !bends(other);
+  if (known.free.cols() != here.free.cols() || (known.free != here.free).any() || known.is_moving() || here.is_moving() ||
+      !fit->rows->same(*other.rows) || !fit->prior->same_sensor(*other.prior))
+    return false;
+  if (!here.bond.size()) return similar(known.contacts, here.contacts, fit->sheet->tables().pitch, kStill) && !bends(other);
+  Parameters in_place = known.contacts;
+  in_place.row(kStrength) = here.contacts.row(kStrength);
+  return known.bond.size() == here.bond.size() && in_place == here.contacts && known.bond == here.bond &&
+          add_alike(other, fit->prediction->middle().added(), kStill);
 }
 
 Linear Linear::of_contacts(std::shared_ptr<const Fit> at) {
@@ -162,18 +170,23 @@ Linear Linear::of_contacts(std::shared_ptr<const Fit> at) {
   return out;
 }
 
-Linear Linear::of_all(std::shared_ptr<const Fit> at, std::shared_ptr<const Equations> known, bool anew) {
+Linear Linear::of_all(std::shared_ptr<const Fit> at, std::shared_ptr<const Equations> known, bool anew, double within) {
   Linear out;
   Matrix curvature;
   Vector pull;
   contact_priors(*at, curvature, pull);
   if (!known || anew || !known->serves(*at)) {
     Linear contacts = of_contacts(at);
-    known = std::make_shared<Equations>(at, std::move(contacts.flat), contacts.normal, known ? known->sheet : nullptr);
+    known = std::make_shared<Equations>(at, std::move(contacts.flat), contacts.normal, known ? known->sheet : nullptr, within);
   }
   out.free = pull.size();
   out.fit = std::move(at);
   out.normal = known->normal, out.stiffness = known->stiffness;
+  if (out.fit->unknowns.bond.size()) {  // readings are linear in what cells conduct, not in its logarithm
+    out.units = (out.fit->unknowns.contacts.row(kStrength) - known->fit->unknowns.contacts.row(kStrength)).array().exp().matrix().transpose();
+    out.normal.topRows(out.free).array().colwise() *= out.units.array();
+    out.normal.leftCols(out.free).array().rowwise() *= out.units.array().transpose();
+  }
   out.equations = std::move(known);
   out.aim(pull);
   return out;
@@ -199,9 +212,11 @@ void Linear::aim(const Vector& pull) {
   const Index modes = fit->sheet->modes();
   ChannelFit::Pulled pulled = equations->channels.pulled(fit->misfit, sensor.tail(sensor.size() - modes));
   right.resize(free + modes);
-  right.head(free) = equations->contacts.transpose() * misfit + pull;
+  right.head(free) = equations->contacts.transpose() * misfit;
   right.tail(modes) = equations->sheet->weighted.transpose() * misfit + sensor.head(modes);
   right -= pulled.taken;
+  if (units.size()) right.head(free).array() *= units.array();
+  right.head(free) += pull;
   alone = std::move(pulled.alone);
   beside = pulled.gain;
 }
@@ -251,7 +266,9 @@ Step Linear::step(double damping) const {
 Unknowns Linear::followed(Unknowns out, const Vector& step) const {
   const Unknowns& u = fit->unknowns;
   const Index n = fit->sheet->count();
-  const Vector channels = equations->channels.step(alone, step);
+  Vector own = step;
+  if (units.size()) own.head(free).array() *= units.array();
+  const Vector channels = equations->channels.step(alone, own);
   out.sheet = u.sheet + step.tail(fit->sheet->modes());
   out.gain = u.gain + channels.segment(0, n);
   out.offset = u.offset + channels.segment(n, n);
@@ -268,7 +285,9 @@ double Linear::promise() const {
 
 Matrix Linear::covariance() const {
   if (!equations) throw std::logic_error("covariance is that of contacts, sheet and channels");
-  return equations->inverse().topLeftCorner(free, free);
+  Matrix out = equations->inverse().topLeftCorner(free, free);
+  if (!units.size()) return out;
+  return units.cwiseInverse().asDiagonal() * out * units.cwiseInverse().asDiagonal();
 }
 
 }  // namespace tomotactile

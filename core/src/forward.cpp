@@ -173,8 +173,7 @@ Matrix Snapshot::columns(const Mask& free) const {
     const double g = conductance[i].value;
     const auto inner = felt.middleCols(first, size);
     const auto own = driven.middleRows(first, size);
-    const auto add = [&](Eigen::Map<Matrix>& moved, const Vector& weight, const Vector& direct) {
-      moved.noalias() += (inner * weight.asDiagonal()) * own;
+    const auto on_electrodes = [&](Eigen::Map<Matrix>& moved, const Vector& direct) {
       for (Index e = 0; e < n; ++e)
         if (direct[e] != 0) moved.noalias() += (direct[e] * impedance.col(e)) * ratio.row(e);
       grounded(*this, moved);
@@ -182,41 +181,44 @@ Matrix Snapshot::columns(const Mask& free) const {
     bool moves_patches = false;
     for (int which : kMoving) moves_patches |= free(which, i);
     std::array<Points, 5> moves;
-    Matrix by_weight, by_direct, grown, fed, seen;
+    Matrix by_weight, by_direct, grown, seen, left, right;
     std::array<Matrix, 2> sent, drawn;  // H by places, all else as it is, through the sheet and by the rows
     Eigen::Matrix<double, 5, 1> by_mean;
     if (moves_patches) {
       const Slope slope = t.impedance_slope(i);
       by_mean = conductance[i].by_mean * t.mean_change(i, slope);
-      moves = t.moves(i), drawn = t.share_slopes(i);
+      moves = t.moves(i), drawn = t.share_slopes(i, slope);
       t.covered_change(i, by_weight, by_direct);
       const auto around = fed_.middleCols(first, size);
       const Matrix near = fed_(Eigen::all, t.near(i));
       drawn[0].noalias() -= near * slope.along_x.transpose();
       drawn[1].noalias() -= near * slope.along_y.transpose();
       for (int d = 0; d < 2; ++d) sent[d] = impedance * drawn[d], drawn[d] = (drawn[d].transpose() * ratio).eval();
-      fed = impedance * around, seen = around.transpose() * ratio;
+      seen = around.transpose() * ratio;
+      // by what is sent elsewhere, drawn from elsewhere and conducted more, in one product
+      left.resize(n, 3 * size), right.resize(3 * size, scan);
+      left.middleCols(size, size).noalias() = impedance * around;
+      left.rightCols(size) = inner, right.topRows(size) = seen;
       if (free(kRadius, i)) grown = slope.grown;
     }
     for (int which = 0; which < 6; ++which) {
       if (!free(which, i)) continue;
       Eigen::Map<Matrix> moved(out.col(column++).data(), n, scan);
-      moved.setZero();
       if (which == kStrength) {
         const double rate = conductance[i].by_strength * g;
-        add(moved, rate * t.weight.segment(first, size), rate * t.direct.col(i));
+        moved.noalias() = (inner * (rate * t.weight.segment(first, size)).asDiagonal()) * own;
+        on_electrodes(moved, rate * t.direct.col(i));
         continue;
       }
       int k = 0;
       while (kMoving[k] != which) ++k;
       const Vector x = moves[k].row(0), y = moves[k].row(1);
-      Matrix through = sent[0] * x.asDiagonal(), by = x.asDiagonal() * drawn[0];
-      through += sent[1] * y.asDiagonal(), by += y.asDiagonal() * drawn[1];
-      if (which == kRadius) by.noalias() += grown * seen;
-      moved.noalias() += through * seen;
-      moved.noalias() += fed * by;
-      add(moved, g * (by_mean[k] * t.weight.segment(first, size) + by_weight.col(k)),
-          g * (by_mean[k] * t.direct.col(i) + by_direct.col(k)));
+      left.leftCols(size) = sent[0] * x.asDiagonal() + sent[1] * y.asDiagonal();
+      right.middleRows(size, size) = x.asDiagonal() * drawn[0] + y.asDiagonal() * drawn[1];
+      if (which == kRadius) right.middleRows(size, size).noalias() += grown * seen;
+      right.bottomRows(size) = (g * (by_mean[k] * t.weight.segment(first, size) + by_weight.col(k))).asDiagonal() * own;
+      moved.noalias() = left * right;
+      on_electrodes(moved, g * (by_mean[k] * t.direct.col(i) + by_direct.col(k)));
     }
   }
   return out;
@@ -242,19 +244,24 @@ Matrix Snapshot::sheet_columns(const Vector& coefficients) const {
   Matrix out = Matrix::Zero(n * scan, modes);
   if (!touches) return out;  // nothing touches: whatever leaks away
   const Touches& t = *touches;
-  const std::vector<int>& nodes = t.around().nodes;
-  const Matrix fed = t.around().spread(fed_);
-  std::vector<Matrix> change = sheet->admittance_change(coefficients);
-  for (Index j = 0; j < modes; ++j) {
-    const Matrix moved = fed * sheet->tables().share_change[j](Eigen::all, nodes).transpose();
-    change[j] += moved + moved.transpose();
-  }
+  Matrix change = sheet->admittance_change(coefficients);
+  const Matrix moved = t.around().spread(fed_) * sheet->tables().share_change(Eigen::all, t.around().nodes).transpose();
   const Matrix field = sheet->field_at(t.contacts.topRows<2>());
+  for (Index j = 0; j < modes; ++j) {
+    const auto each = moved.middleCols(n * j, n);
+    change.middleCols(n * j, n) += each + each.transpose();
+  }
   for (Index i = 0; i < t.count(); ++i) {
     const Matrix way = by_way(i);
-    for (Index j = 0; j < modes; ++j) change[j] -= field(i, j) * way;
+    for (Index j = 0; j < modes; ++j)
+      if (field(i, j) != 0) change.middleCols(n * j, n) -= field(i, j) * way;
   }
-  for (Index j = 0; j < modes; ++j) respond(change[j], out.col(j));
+  // Z dY rho of all modes in two products, as each dY is symmetric
+  const Matrix driven = ratio.transpose() * change;
+  Matrix turned(n, scan * modes);
+  for (Index j = 0; j < modes; ++j) turned.middleCols(scan * j, scan) = driven.middleCols(n * j, n).transpose();
+  Eigen::Map<Matrix>(out.data(), n, scan * modes).noalias() = impedance * turned;
+  for (Index j = 0; j < modes; ++j) grounded(*this, Eigen::Map<Matrix>(out.col(j).data(), n, scan));
   Eigen::Map<Matrix> last(out.col(modes - 1).data(), n, scan);
   for (Index l = 0; l < scan; ++l) {
     const double rate = sheet->tables().inside[rows[l]] / own[l];

@@ -33,11 +33,7 @@ double InducedCharges::nearness_slope(double squared) const {
 Charges::Charges(const InducedCharges& electrodes, const Points& places) : electrodes_(&electrodes) {
   const Index count = places.cols();
   const double reach = kEnd * electrodes.pitch * kEnd * electrodes.pitch, radius = electrodes.radius;
-  struct Seen {
-    Index electrode;
-    int terms;
-  };
-  std::vector<Seen> far;
+  std::vector<Index> seen;  // of those in `far_`
   Index rows = 0;
   for (Index e = 0; e < electrodes.centres.cols(); ++e) {
     double least = std::numeric_limits<double>::infinity();
@@ -47,8 +43,10 @@ Charges::Charges(const InducedCharges& electrodes, const Points& places) : elect
     if (!(least < reach)) continue;
     const double largest = radius * radius / least;
     if (largest <= kSeries) {
-      far.push_back({e, std::max(int(std::ceil(std::log(kExact) / std::log(std::max(largest, kExact)))), 1)});
-      rows += 2 * far.back().terms;
+      const int terms = std::max(int(std::ceil(std::log(kExact) / std::log(std::max(largest, kExact)))), 1);
+      far_.push_back({rows, 2 * terms, std::vector<bool>(count)});
+      seen.push_back(e);
+      rows += 2 * terms;
       continue;
     }
     Close close;
@@ -65,32 +63,36 @@ Charges::Charges(const InducedCharges& electrodes, const Points& places) : elect
     }
     close_.push_back(std::move(close));
   }
-  columns_.resize(rows, count);
-  along_x_.resize(columns_.rows(), count), along_y_.resize(columns_.rows(), count);
-  Index first = 0;
-  for (const Seen& seen : far) {
+  columns_ = along_x_ = along_y_ = Matrix::Zero(rows, count);
+  for (std::size_t which = 0; which < far_.size(); ++which) {
+    Far& far = far_[which];
     for (Index p = 0; p < count; ++p) {
-      const Eigen::Vector2d apart = places.col(p) - electrodes.centres.col(seen.electrode);
+      const Eigen::Vector2d apart = places.col(p) - electrodes.centres.col(seen[which]);
       const double squared = electrodes.squared(apart.x(), apart.y());
       const double weight = electrodes.nearness(squared), fades = 2 * electrodes.nearness_slope(squared);
+      if (weight == 0) continue;
+      far.near[p] = true;
       const std::complex<double> z(apart.x() * radius / squared, apart.y() * radius / squared);
       std::complex<double> power = z;
-      for (int k = 1; k <= seen.terms; ++k) {
+      for (int k = 1; 2 * k <= far.count; ++k) {
         const double root = std::sqrt(2 * electrodes.scale / k);
         const std::complex<double> next = power * z, moves = weight * (k / radius) * next;
         const std::complex<double> value = root * weight * power;
         const std::complex<double> by_x = root * (fades * apart.x() * power - moves);
         const std::complex<double> by_y =
             root * (fades * apart.y() * power + std::complex<double>(0, 1) * moves);
-        const Index row = first + 2 * (k - 1);
+        const Index row = far.first + 2 * (k - 1);
         columns_(row, p) = value.real(), columns_(row + 1, p) = value.imag();
         along_x_(row, p) = by_x.real(), along_x_(row + 1, p) = by_x.imag();
         along_y_(row, p) = by_y.real(), along_y_(row + 1, p) = by_y.imag();
         power = next;
       }
     }
-    first += 2 * seen.terms;
   }
+}
+
+bool Charges::Far::reaches(Index place, Index places) const {
+  return std::find(near.begin() + place, near.begin() + place + places, true) != near.begin() + place + places;
 }
 
 // Which of `chosen` are near a close electrode.
@@ -102,7 +104,11 @@ std::vector<int> Charges::there(const Close& close, const std::vector<int>& chos
 }
 
 void Charges::add_between(Index first, Index count, const std::vector<int>& others, Matrix& out) const {
-  if (columns_.rows()) out.noalias() -= columns_.middleCols(first, count).transpose() * columns_(Eigen::all, others);
+  for (const Far& far : far_)
+    if (far.reaches(first, count)) {
+      const auto rows = columns_.middleRows(far.first, far.count);
+      out.noalias() -= rows.middleCols(first, count).transpose() * Matrix(rows(Eigen::all, others));
+    }
   const double turned = 2 / (electrodes_->radius * electrodes_->radius), scale = electrodes_->scale;
   std::vector<int> own(count);
   std::iota(own.begin(), own.end(), int(first));
@@ -125,31 +131,34 @@ void Charges::add_between(Index first, Index count, const std::vector<int>& othe
 
 void Charges::add_slope(Index first, Index count, const std::vector<int>& others, Matrix& along_x,
                         Matrix& along_y) const {
-  if (columns_.rows()) {
-    const Matrix columns = columns_(Eigen::all, others);
-    along_x.noalias() -= along_x_.middleCols(first, count).transpose() * columns;
-    along_y.noalias() -= along_y_.middleCols(first, count).transpose() * columns;
-  }
+  for (const Far& far : far_)
+    if (far.reaches(first, count)) {
+      const Matrix columns = columns_.middleRows(far.first, far.count)(Eigen::all, others);
+      along_x.noalias() -= along_x_.block(far.first, first, far.count, count).transpose() * columns;
+      along_y.noalias() -= along_y_.block(far.first, first, far.count, count).transpose() * columns;
+    }
   const double turned = 2 / (electrodes_->radius * electrodes_->radius), scale = electrodes_->scale;
   for (const Close& close : close_) {
     const std::vector<int> on = there(close, others);
     if (on.empty()) continue;
     std::vector<int> theirs;
     for (int j : on) theirs.push_back(others[j]);
-    const Vector other = close.share(theirs).matrix(), other_weight = close.weight(theirs).matrix();
-    const Points image = close.image(Eigen::all, theirs), apart = close.apart.middleCols(first, count);
     const Eigen::ArrayXd share = close.share.segment(first, count), fading = close.fading.segment(first, count);
-    const Eigen::ArrayXXd by_share = other.transpose().replicate(count, 1) - turned * (apart.transpose() * image);
-    const Eigen::ArrayXXd part = by_share.colwise() * share, kept = part.max(kRim - 2);
-    Eigen::ArrayXXd rate = (close.weight.segment(first, count).matrix() * other_weight.transpose()).array() / (1 + kept);
-    rate = (part > kRim - 2).select(rate, 0.0);
-    Eigen::ArrayXXd radial = -rate * (by_share.colwise() * (turned * share.square()));
-    for (Index i = 0; i < count; ++i)
-      if (fading[i] != 0) radial.row(i) += 2 * fading[i] * other_weight.transpose().array() * kept.row(i).log1p();
-    const Eigen::ArrayXXd turn = rate.colwise() * (turned * share);
+    const Eigen::ArrayXd weight = close.weight.segment(first, count);
+    const Eigen::ArrayXd x = close.apart.row(0).segment(first, count).transpose(), y = close.apart.row(1).segment(first, count).transpose();
+    const bool fades = (fading != 0).any();
+    Eigen::ArrayXd by_share, part, kept, rate, radial;
     for (std::size_t j = 0; j < on.size(); ++j) {
-      along_x.col(on[j]).array() += scale * (radial.col(j) * apart.row(0).transpose().array() - turn.col(j) * image(0, j));
-      along_y.col(on[j]).array() += scale * (radial.col(j) * apart.row(1).transpose().array() - turn.col(j) * image(1, j));
+      const int other = theirs[j];
+      const double image_x = close.image(0, other), image_y = close.image(1, other), other_weight = close.weight[other];
+      by_share = close.share[other] - turned * (image_x * x + image_y * y);
+      part = by_share * share, kept = part.max(kRim - 2);
+      rate = (part > kRim - 2).select(other_weight * weight / (1 + kept), 0.0);
+      radial = -turned * rate * by_share * share.square();
+      if (fades) radial += (fading != 0).select(2 * other_weight * fading * kept.log1p(), 0.0);
+      rate *= turned * share;
+      along_x.col(on[j]).array() += scale * (radial * x - image_x * rate);
+      along_y.col(on[j]).array() += scale * (radial * y - image_y * rate);
     }
   }
 }

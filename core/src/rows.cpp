@@ -47,9 +47,7 @@ RowModel::RowModel(std::shared_ptr<const Sheet> sheet, Sensor sensor, Matrix imp
   if (!fits) throw BadInput("what is known of the sensor does not fit its electrodes");
   for (const Matrix& each : fields_)
     if (each.rows() != n || each.cols() != n) throw BadInput("fields do not fit the electrodes");
-  const std::vector<Matrix> change = sheet_->admittance_change(s.sheet);
-  change_.resize(n, n * modes());
-  for (Index j = 0; j < modes(); ++j) change_.middleCols(n * j, n) = change[j].cast<float>();
+  change_ = sheet_->admittance_change(s.sheet).cast<float>();
   within_ = sheet_->inside(s.sheet);
   const Tables& t = sheet_->tables();
   inside_ = (t.outline.size / 2).array() - kInside * t.pitch;
@@ -154,8 +152,8 @@ const Eigen::MatrixXf& RowModel::by_sheet(const Eigen::Vector2d& place) const {
   if (by_sheet_.size() >= kMost) by_sheet_.clear();
   const Stencil stencil = t.coarse.at(key.first * t.pitch / kCells, key.second * t.pitch / kCells);
   Matrix out = Matrix::Zero(count(), modes());
-  for (Index j = 0; j < modes(); ++j)
-    for (int k = 0; k < 16; ++k) out.col(j) += stencil.weights[k] * t.share_change[j].col(stencil.nodes[k]);
+  for (int k = 0; k < 16; ++k)
+    out += stencil.weights[k] * Eigen::Map<const Matrix>(t.share_change.col(stencil.nodes[k]).data(), count(), modes());
   return by_sheet_[key] = out.cast<float>();
 }
 

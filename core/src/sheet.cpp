@@ -7,7 +7,7 @@ namespace {
 
 
 // Diagonals that make the rows sum to 0: a floating sheet conducts nothing away.
-void balance(Matrix& matrix) {
+void balance(Eigen::Ref<Matrix> matrix) {
   matrix.diagonal().setZero();
   const Vector sums = matrix.rowwise().sum();
   matrix.diagonal() = -sums;
@@ -31,12 +31,11 @@ void Tables::complete() {
   expect(potentials.rows() == n && potentials.cols() == fine.points(), "potentials do not fit their lattice");
   expect(own.size() == fine.points(), "own potentials do not fit their lattice");
   expect(smooth.rows() == points && smooth.cols() == points, "the smooth part does not fit its lattice");
-  expect(change.size() >= 2 && share_change.size() == change.size(), "modes of Y0 and of H differ in number");
-  for (const Matrix& each : change) expect(each.rows() == n && each.cols() == n, "a mode of Y0 has another size");
-  for (const Matrix& each : share_change) expect(each.rows() == n && each.cols() == points, "a mode of H has another size");
+  expect(change.rows() == n && change.cols() % n == 0 && change.cols() >= 2 * n, "modes of Y0 have another size");
+  expect(share_change.rows() == change.cols() && share_change.cols() == points, "modes of H have another size");
   expect(inside.size() == n, "what a radius changes does not fit the electrodes");
   expect(seen.rows() == n && seen.cols() == n, "pairs that see each other do not fit the admittance");
-  expect(nodes.rows() == cells.cols() && nodes.cols() <= Index(change.size()), "cells of the field do not fit the modes");
+  expect(nodes.rows() == cells.cols() && nodes.cols() <= change.cols() / n, "cells of the field do not fit the modes");
   for (const Matrix& each : fields) expect(each.rows() == n && each.cols() == n, "fields do not fit the admittance");
   for (const Mirror& each : mirrors) expect(each.electrode >= 0 && each.electrode < n, "a mirror of no electrode");
   expect(radius > 0 && resistance > 0 && pitch > 0 && reach > 0, "radius, resistance, spacing must be above 0");
@@ -46,7 +45,7 @@ void Tables::complete() {
 }
 
 Sheet::Sheet(std::shared_ptr<const Tables> tables, Matrix untouched)
-    : tables_(std::move(tables)), untouched_(std::move(untouched)), mean_(Vector::Zero(tables_->change.size())) {
+    : tables_(std::move(tables)), untouched_(std::move(untouched)), mean_(Vector::Zero(modes())) {
   expect(untouched_.rows() == count() && untouched_.cols() == count(), "the untouched sheet has another size");
 }
 
@@ -62,9 +61,9 @@ Sheet::Sheet(std::shared_ptr<const Tables> tables, Matrix untouched, Vector mean
 }
 
 Matrix Sheet::changed(const Vector& sheet) const {
-  Matrix out = Matrix::Zero(count(), count());
-  for (Index j = 0; j < modes(); ++j)
-    if (sheet[j] != 0) out.noalias() += sheet[j] * tables_->change[j];
+  Matrix out(count(), count());
+  const Eigen::Map<const Matrix> modes(tables_->change.data(), out.size(), sheet.size());
+  Eigen::Map<Vector>(out.data(), out.size()).noalias() = modes * sheet;
   return out;
 }
 
@@ -83,22 +82,22 @@ Matrix Sheet::admittance_of(const Vector& sheet) const {
   return out;
 }
 
-std::vector<Matrix> Sheet::admittance_change(const Vector& sheet) const {
-  const Matrix factor = even(sheet) ? tables_->admittance : scaled(changed(sheet));
-  std::vector<Matrix> out(modes());
+Matrix Sheet::admittance_change(const Vector& sheet) const {
+  const Index n = count();
+  const Matrix scale = even(sheet) ? tables_->admittance : scaled(changed(sheet)), factor = tables_->seen.select(scale, 1.0);
+  Matrix out(n, n * modes());
   for (Index j = 0; j < modes(); ++j) {
-    const Matrix& each = tables_->change[j];
-    out[j] = tables_->seen.select(each.cwiseProduct(factor), each);
-    balance(out[j]);
+    auto each = out.middleCols(n * j, n);
+    each = tables_->change.middleCols(n * j, n).cwiseProduct(factor);
+    balance(each);
   }
   return out;
 }
 
 Matrix Sheet::share_added(const Vector& sheet, const std::vector<int>& nodes) const {
   Matrix out = rest_ ? Matrix(rest_->share(Eigen::all, nodes)) : Matrix::Zero(count(), nodes.size());
-  for (Index j = 0; j < modes(); ++j)
-    if (sheet[j] != 0)
-      for (std::size_t m = 0; m < nodes.size(); ++m) out.col(m) += sheet[j] * tables_->share_change[j].col(nodes[m]);
+  for (std::size_t m = 0; m < nodes.size(); ++m)
+    out.col(m).noalias() += Eigen::Map<const Matrix>(tables_->share_change.col(nodes[m]).data(), count(), modes()) * sheet;
   return out;
 }
 

@@ -64,42 +64,65 @@ double softened(double squared, double mutual) {
   return squared < kFar * reach ? reach * cloud(squared / reach) : squared;
 }
 
-// Ways along one axis from places to others and to their images in both rims of a rectangle.
-std::vector<Eigen::ArrayXXd> ways(const Eigen::RowVectorXd& from, const Eigen::RowVectorXd& to, double side, bool rectangle) {
-  const Index p = from.size(), q = to.size();
-  const Eigen::ArrayXXd at = from.transpose().array().replicate(1, q), other = to.array().replicate(p, 1);
-  std::vector<Eigen::ArrayXXd> out{at - other};
-  if (rectangle) out.push_back(at + other + side), out.push_back(at + other - side);
-  return out;
+// Ways from places to another place and to its images in both rims of a rectangle, one place after the other.
+class Ways {
+ public:
+  Ways(const Outline& outline, const Points& from)
+      : size_(outline.size), x_(from.row(0).transpose()), y_(from.row(1).transpose()), images(outline.rectangle ? 3 : 1) {}
+
+  void to(const Eigen::Vector2d& place) {
+    set(x_, place.x(), size_.x(), across, wide);
+    set(y_, place.y(), size_.y(), up, high);
+  }
+
+ private:
+  Eigen::Vector2d size_;
+  Eigen::ArrayXd x_, y_;
+
+ public:
+  const int images;  // along each axis, itself included
+  std::array<Eigen::ArrayXd, 3> across, up, wide, high;  // ways, and their squares
+
+ private:
+  void set(const Eigen::ArrayXd& at, double other, double side, std::array<Eigen::ArrayXd, 3>& way,
+           std::array<Eigen::ArrayXd, 3>& squared) const {
+    const double shift[3] = {-other, other + side, other - side};
+    for (int k = 0; k < images; ++k) way[k] = at + shift[k], squared[k] = way[k].square();
+  }
+};
+
+// Calls `near(i, mutual)` for each of clouds that is not far enough from one of radius `other` to be two points.
+template <class Near>
+void for_near(const Eigen::ArrayXd& squared, const Eigen::ArrayXd& radii, double largest, double other, Near near) {
+  const double reach = kFar * kCloud / 2;
+  if (squared.minCoeff() >= reach * (largest + other * other)) return;
+  for (Index i = 0; i < squared.size(); ++i) {
+    const double both = radii[i] * radii[i] + other * other;
+    if (squared[i] < reach * both) near(i, both / 2);
+  }
 }
 
-// Calls `near(i, j)` for each pair of clouds that is not far enough apart to be two points.
-template <class Near>
-void for_near(const Eigen::ArrayXXd& squared, const Eigen::ArrayXd& radii, const Eigen::ArrayXd& others, Near near) {
-  const double most = kFar * kCloud * (radii.square().maxCoeff() + others.square().maxCoeff()) / 2;
-  if (squared.minCoeff() >= most) return;
-  for (Index j = 0; j < squared.cols(); ++j)
-    for (Index i = 0; i < squared.rows(); ++i) {
-      if (squared(i, j) >= most) continue;
-      const double mutual = (radii[i] * radii[i] + others[j] * others[j]) / 2;
-      if (squared(i, j) < kFar * kCloud * mutual) near(i, j, mutual);
-    }
-}
+double largest_square(const Eigen::ArrayXd& radii) { return radii.size() ? radii.square().maxCoeff() : 0.0; }
 
 // ln of the product of squared distances between clouds and to their images.
-Eigen::ArrayXXd log_distances(const Outline& outline, const Points& mine, const Eigen::ArrayXd& radii, const Points& theirs,
-                              const Eigen::ArrayXd& their_radii) {
-  const auto x = ways(mine.row(0), theirs.row(0), outline.size.x(), outline.rectangle);
-  const auto y = ways(mine.row(1), theirs.row(1), outline.size.y(), outline.rectangle);
-  Eigen::ArrayXXd product = Eigen::ArrayXXd::Ones(mine.cols(), theirs.cols());
-  for (const Eigen::ArrayXXd& across : x)
-    for (const Eigen::ArrayXXd& up : y) {
-      Eigen::ArrayXXd squared = across.square() + up.square();
-      for_near(squared, radii, their_radii,
-               [&](Index p, Index q, double mutual) { squared(p, q) = softened(squared(p, q), mutual); });
-      product *= squared;
-    }
-  return product.log();
+Matrix log_distances(const Outline& outline, const Points& mine, const Eigen::ArrayXd& radii, const Points& theirs,
+                     const Eigen::ArrayXd& their_radii) {
+  Ways ways(outline, mine);
+  const double largest = largest_square(radii);
+  Matrix out(mine.cols(), theirs.cols());
+  Eigen::ArrayXd product, squared;
+  for (Index q = 0; q < theirs.cols(); ++q) {
+    ways.to(theirs.col(q));
+    product.setOnes(mine.cols());
+    for (int i = 0; i < ways.images; ++i)
+      for (int j = 0; j < ways.images; ++j) {
+        squared = ways.wide[i] + ways.high[j];
+        for_near(squared, radii, largest, their_radii[q], [&](Index p, double mutual) { squared[p] = softened(squared[p], mutual); });
+        product *= squared;
+      }
+    out.col(q) = product.log();
+  }
+  return out;
 }
 
 }  // namespace
@@ -119,7 +142,7 @@ Matrix mutual_impedance(const Sheet& sheet, const Points& places, const Vector& 
   const Eigen::RowVectorXd constant = t.inverse.row(n).head(n) * potentials;
   out.rowwise() -= constant;
   out.array() -= t.inverse(n, n);
-  out.array() -= t.resistance / (4 * kPi) * log_distances(t.outline, places, radii.array(), places, radii.array());
+  out -= t.resistance / (4 * kPi) * log_distances(t.outline, places, radii.array(), places, radii.array());
   return (out + out.transpose()) / 2;
 }
 
@@ -219,7 +242,7 @@ void Touches::connect() {
     block.rowwise() -= constant(others).transpose();
     const Points mine = place_.middleCols(first, size(i)), theirs = place_(Eigen::all, others);
     const Eigen::ArrayXd radii = radii_.segment(first, size(i)).array(), their_radii = radii_(others).array();
-    block.array() += scale * log_distances(t.outline, mine, radii, theirs, their_radii);
+    block += scale * log_distances(t.outline, mine, radii, theirs, their_radii);
     auto own = block.rightCols(size(i));
     own.colwise() += alone.segment(first, size(i)) / 2;
     own.rowwise() += alone.segment(first, size(i)).transpose() / 2;
@@ -333,28 +356,32 @@ Slope Touches::impedance_slope(Index i) const {
   slope_x += around_.along_x(smooth, first, count).transpose();
   slope_y += around_.along_y(smooth, first, count).transpose();
   const Points mine = place_.middleCols(first, count);
-  const std::array<Matrix, 2> steep = sheet->steep_at(mine);
+  out.steep = sheet->steep_at(mine);
   const Matrix solved = solved_(Eigen::all, others);
-  slope_x.noalias() -= steep[0].transpose() * solved;
-  slope_y.noalias() -= steep[1].transpose() * solved;
+  slope_x.noalias() -= out.steep[0].transpose() * solved;
+  slope_y.noalias() -= out.steep[1].transpose() * solved;
   const std::array<Vector, 2> alone = sheet->alone_steep_at(mine);
   const Points theirs = place_(Eigen::all, others);
   const Eigen::ArrayXd radii = radii_.segment(first, count).array(), their_radii = radii_(others).array();
-  const auto x = ways(mine.row(0), theirs.row(0), t.outline.size.x(), t.outline.rectangle);
-  const auto y = ways(mine.row(1), theirs.row(1), t.outline.size.y(), t.outline.rectangle);
-  Eigen::ArrayXXd by_x = Eigen::ArrayXXd::Zero(count, reach), by_y = by_x;
-  for (const Eigen::ArrayXXd& across : x)
-    for (const Eigen::ArrayXXd& up : y) {
-      const Eigen::ArrayXXd squared = across.square() + up.square();
-      Eigen::ArrayXXd inverse = squared.max(kTiny).inverse();
-      for_near(squared, radii, their_radii, [&](Index p, Index q, double mutual) {
-        const double hidden = std::exp(-squared(p, q) / (kCloud * mutual));
-        inverse(p, q) *= 1 - hidden;
-        if (q >= own && q < own + count) out.grown(p, q - own) += scale * hidden;
-      });
-      by_x += across * inverse, by_y += up * inverse;
-    }
-  slope_x.array() -= scale * by_x, slope_y.array() -= scale * by_y;
+  Ways ways(t.outline, mine);
+  const double largest = largest_square(radii);
+  Eigen::ArrayXd squared, inverse, by_x, by_y;
+  for (Index q = 0; q < reach; ++q) {
+    ways.to(theirs.col(q));
+    by_x.setZero(count), by_y.setZero(count);
+    for (int i = 0; i < ways.images; ++i)
+      for (int j = 0; j < ways.images; ++j) {
+        squared = ways.wide[i] + ways.high[j];
+        inverse = squared.max(kTiny).inverse();
+        for_near(squared, radii, largest, their_radii[q], [&](Index p, double mutual) {
+          const double hidden = std::exp(-squared[p] / (kCloud * mutual));
+          inverse[p] *= 1 - hidden;
+          if (q >= own && q < own + count) out.grown(p, q - own) += scale * hidden;
+        });
+        by_x += ways.across[i] * inverse, by_y += ways.up[j] * inverse;
+      }
+    slope_x.col(q).array() -= scale * by_x, slope_y.col(q).array() -= scale * by_y;
+  }
   slope_x.middleCols(own, count).colwise() += alone[0] / 2;
   slope_y.middleCols(own, count).colwise() += alone[1] / 2;
   Eigen::ArrayXXd factor = factor_.segment(first, count).matrix() * factor_(others).matrix().transpose();
@@ -385,12 +412,10 @@ Eigen::Matrix<double, 5, 1> Touches::mean_change(Index i, const Slope& slope) co
   return out;
 }
 
-std::array<Matrix, 2> Touches::share_slopes(Index i) const {
-  const Tables& t = sheet->tables();
+std::array<Matrix, 2> Touches::share_slopes(Index i, const Slope& slope) const {
   const Index n = sheet->count();
-  std::array<Matrix, 2> out = sheet->steep_at(place_.middleCols(begin(i), size(i)));
-  const auto inverse = t.inverse.topLeftCorner(n, n);
-  for (Matrix& each : out) each = (inverse.transpose() * each).eval();
+  const auto inverse = sheet->tables().inverse.topLeftCorner(n, n);
+  std::array<Matrix, 2> out{inverse.transpose() * slope.steep[0], inverse.transpose() * slope.steep[1]};
   if (!sheet->even(coefficients)) {
     out[0] += around_.along_x(added_, begin(i), size(i));
     out[1] += around_.along_y(added_, begin(i), size(i));

@@ -49,7 +49,7 @@ from tomotactile_ros.estimation.one_state import (
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.reported import told
-from tomotactile_ros.estimation.shape import Shapes, again, explains, groups, occam, whole
+from tomotactile_ros.estimation.shape import Shapes, at_rest, explains, groups, occam, whole
 from tomotactile_ros.estimation.solver import STEPS, solve
 from tomotactile_ros.estimation.touch import (
     CONDUCTANCE,
@@ -195,12 +195,9 @@ class Search(Fits):
 
     def _reshaped(self, start: Fit, usual: float) -> Fit:
         """The fit of a shape from `start` on, or from the beginning if that is far off."""
-        excess = start.chi_squared - usual * start.rows.count
-        if start.equations is not None and excess < self._threshold * start.doubt:
-            return start
         if start.chi_squared > MISFIT * usual * start.rows.count:
             return self._first(self._at_rest(start.rows, start.prior))
-        return whole(again(start), self._threshold, self._known)
+        return at_rest(start, self._threshold, self._known)
 
     def _continued(self, start: Fit, usual: float) -> Fit:
         """The fit from `start` on, or from what a first look shows where that is nearer to the

@@ -184,9 +184,16 @@ def certainty(covariance: np.ndarray, which: np.ndarray) -> float:
     return float(np.linalg.inv(covariance[which][:, which]).sum())
 
 
-def again(fit: Fit) -> Fit:
-    """The best fit of the cells of `fit` from there on, with the sensor as it is."""
-    return _descended(fit, _STEPS, Contacts)
+def at_rest(fit: Fit, threshold: float, known: Equations | None) -> Fit:
+    """`whole` of the cells of `fit` as they are by now, by the equations `known` of an earlier fit of them where these
+    serve."""
+    if known is None or not known.serves(fit.core):
+        return whole(_descended(fit, _STEPS, Contacts), threshold, known)
+    found = _descended(fit, _WHOLE, _Linearised(known))
+    if not known.serves(found.core) or found.chi_squared > _LACKING * found.rows.count:
+        return whole(found, threshold, known)
+    found.covariance, found.equations, found.steps = Linear(found, known).covariance(), known, 1
+    return found
 
 
 def _of_those_that_conduct(fit: Fit) -> Fit:
@@ -228,25 +235,31 @@ def _descended(fit: Fit, steps: int, linearised: Callable[[Fit], Contacts]) -> F
     Of the cells alone what the sensor leaves over is doubted, as in `solver.approach`.
     """
     rows, work = fit.rows, fit.prediction.size
+    alone = linearised is Contacts
     for _ in range(steps):
-        alone = linearised is Contacts
         at = fit.weighed(replace(rows, weights=rows.weights / fit.doubt)) if alone else fit
-        better = _better(at, linearised(at))
+        settled = _SETTLED * (1.0 if alone else fit.doubt)
+        better, promised = _better(at, linearised(at), settled)
         if better is None:
             break
         work += better.prediction.size
         gained = at.cost - better.cost
         fit = better.weighed(rows)
-        if gained < _SETTLED * (1.0 if alone else fit.doubt):
+        if max(gained, abs(gained - promised)) < settled:
             break
     fit.work = work
     return fit
 
 
-def _better(fit: Fit, linear: Contacts) -> Fit | None:
-    """The fit after a step of `linear`, as much of it as lowers the cost; None if nothing does."""
+def _better(fit: Fit, linear: Contacts, settled: float) -> tuple[Fit | None, float]:
+    """The fit after a step of `linear`, as much of it as lowers the cost, and by how much the linear model says; None
+    where that is less than `settled`, or nothing does."""
     before = np.exp(fit.unknowns.contacts[:, CONDUCTANCE])
     step, others = _step(linear, before)
+    along = np.concatenate([step / before, others])
+    promised = float(along @ (2 * linear.right - linear.normal @ along)) + linear.beside
+    if promised < settled:
+        return None, promised
     for _ in range(_HALVINGS):
         after = before + step
         most = _MORE / np.maximum(fit.prediction.means, 1e-9)
@@ -260,9 +273,9 @@ def _better(fit: Fit, linear: Contacts) -> Fit | None:
         else:
             tried = fit.with_strengths(after)
         if tried.cost < fit.cost:
-            return tried
+            return tried, promised
         step, others = step / 2, others / 2
-    return None
+    return None, promised
 
 
 def _step(linear: Contacts, strengths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

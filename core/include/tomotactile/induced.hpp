@@ -45,8 +45,16 @@ class Charges {
   };
   static std::vector<int> there(const Close& close, const std::vector<int>& chosen);
 
+  struct Far {  // the rows below of an electrode, and the places that are near it
+    Index first, count;
+    std::vector<bool> near;
+
+    bool reaches(Index place, Index places) const;
+  };
+
   const InducedCharges* electrodes_ = nullptr;
   std::vector<Close> close_;
+  std::vector<Far> far_;
   Matrix columns_;             // 2 K m x P: B with B^T B what charges take away
   Matrix along_x_, along_y_;   // its change with the place
 };

@@ -58,9 +58,9 @@ struct Tables {
   std::vector<Mirror> mirrors;
   std::array<Matrix, 2> between;  // n x n each: `kernel` at the electrodes; made from the above
 
-  std::vector<Matrix> change;        // J of n x n: of ln Y0 where electrodes see each other, else of Y0, S
+  Matrix change;                     // n x J n: of ln Y0 where electrodes see each other, else of Y0, S
   Eigen::Array<bool, Eigen::Dynamic, Eigen::Dynamic> seen;
-  std::vector<Matrix> share_change;  // J of n x M: of H at the points of `coarse`
+  Matrix share_change;               // J n x M: of H at the points of `coarse`
   Vector inside;                     // n: ohm that electrodes' own impedances change by, per unit of the last mode:
   double printed = 0;                // the logarithm of what all radii have in common; where it is as solved
   Points cells;                      // centres of the cells of the field, m
@@ -84,13 +84,13 @@ class Sheet {
 
   const Tables& tables() const { return *tables_; }
   Index count() const { return tables_->admittance.rows(); }
-  Index modes() const { return Index(tables_->change.size()); }
+  Index modes() const { return tables_->change.cols() / count(); }
   const Matrix& untouched() const { return untouched_; }
   bool even(const Vector& sheet) const { return !rest_ && sheet.isZero(0.0); }
   bool about_even() const { return !rest_; }
 
   Matrix admittance_of(const Vector& sheet) const;                     // n x n, S
-  std::vector<Matrix> admittance_change(const Vector& sheet) const;    // J of n x n, S
+  Matrix admittance_change(const Vector& sheet) const;                 // n x J n, S
   Matrix share_added(const Vector& sheet, const std::vector<int>& nodes) const;  // n x m
   Vector own_added(const Around& around) const;                        // P, ohm of an even sheet
   Matrix field_at(const Points& places) const;                         // Q x J

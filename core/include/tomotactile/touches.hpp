@@ -21,6 +21,7 @@ constexpr double kScreened = 2.0;  // spacings between contacts beyond which D b
 // falls by among themselves with the logarithm of their radii, p x p, ohm.
 struct Slope {
   Matrix along_x, along_y, grown;
+  std::array<Matrix, 2> steep;  // slopes of G between electrodes and the former, n x p, ohm/m
 };
 
 class Touches {
@@ -51,7 +52,7 @@ class Touches {
   Slope impedance_slope(Index i) const;
   // Derivatives of `mean` of contact i by `kMoving`, ohm.
   Eigen::Matrix<double, 5, 1> mean_change(Index i, const Slope& slope) const;
-  std::array<Matrix, 2> share_slopes(Index i) const;  // n x p, 1/m
+  std::array<Matrix, 2> share_slopes(Index i, const Slope& slope) const;  // n x p, 1/m
   Eigen::Vector2d centre(Index i) const;  // of mass of what lies on the sheet and on electrodes in use, m
   Conductance conductance(Index i) const { return {contacts(kStrength, i), mean[i]}; }
 
