@@ -12,6 +12,7 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.special import chdtri
 
 from tomotactile_ros.estimation.arrangement import CLOSE, as_known, with_disc
 from tomotactile_ros.estimation.as_cut import AsCut
@@ -66,8 +67,8 @@ from tomotactile_ros.estimation.screening import (
 from tomotactile_ros.estimation.search import (
     BUDGET,
     CUT_OFF,
+    FALSE_ALARMS,
     FIRST_LOOK,
-    LEFT_OVER,
     SUSPECT,
     Search,
     tells_speeds,
@@ -314,7 +315,8 @@ class Estimator:
 
         A channel that is driven and never changes lies under a conductor, or is broken: what the readings of
         all others contradict is not so. One that is driven and at whose rim that of a bare conductor is found,
-        or nothing that explains the rows, may be one whose rows tell nothing of the sheet, either.
+        or whose own row contradicts what explains all others, may be one whose rows tell nothing of the sheet,
+        either.
         """
         read = np.isfinite(voltages)
         read[np.arange(len(grounded)), grounded] = False
@@ -354,10 +356,11 @@ class Estimator:
         return found
 
     def _meets_bare(self, found: Estimate, fit: Fit | None) -> np.ndarray:
-        """(E,) electrodes that bare conductors meet; any where contacts of a `fit` leave more than right ones."""
+        """(E,) electrodes that bare conductors meet, or whose rows contradict the contacts of a `fit` as others do
+        not; any where there is no fit, as no contacts explain the rows."""
         meets = np.full(self.layout.electrodes, found.unlike)
         if found.contacts and fit is not None:
-            meets |= fit.chi_squared + fit.of_sensor > LEFT_OVER * fit.rows.count
+            meets[fit.operator.used[fit.rows.grounded[_contradict_others(fit)]]] = True
         for each in found.parts:
             if not np.isfinite(each.force_std):
                 meets |= meets_rims(self.layout, (each.x, each.y), each.radius)
@@ -997,6 +1000,13 @@ def _unexplained(chi_squared: float, rows: Rows) -> str:
     signal = float((rows.weights * rows.readings**2).sum())
     left = np.sqrt(max(chi_squared - 1.5 * rows.count, 0.0) / max(signal, 1e-300))
     return f"no contacts explain the readings ({left:.1%} of them is left over), or something changed in the last rows"
+
+
+def _contradict_others(fit: Fit) -> np.ndarray:
+    """(L,) rows that leave more over than chance lets any of them, in parts of what half of the rows leave."""
+    read = np.maximum(np.count_nonzero(fit.rows.weights, axis=1), 1)
+    left = (fit.rows.weights * fit.misfit**2).sum(axis=1) / read
+    return left > np.median(left) * chdtri(read, FALSE_ALARMS) / read
 
 
 def _are_driven(fit: Fit) -> np.ndarray:
