@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from contacts_support import disc, off
+from contacts_support import DRIVE, NOISE, disc, off, sensor
 from process_support import python
 
 from tomotactile_ros.cli import main
@@ -16,7 +16,7 @@ from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.reconstruction.deadline import Within, period_of
 from tomotactile_ros.scenes.scene import load_scene
-from tomotactile_ros.simulation import Simulator
+from tomotactile_ros.simulation import ROW_PERIOD, Simulator
 from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.support.interrupt import Interrupted, Job, check
 
@@ -173,6 +173,15 @@ def test_what_no_image_explains_is_told_as_one_contact_or_withheld(layout, nine)
     assert off(contact, (0, 0)) < deviation and deviation > 0.03
     assert abs(contact.force - 18.0) < 2 * contact.force_std
     assert contact.id == 0  # it is none that can be followed
+
+
+def test_what_lies_on_an_electrode_names_none_while_there_is_no_time(layout):
+    """A conductor at the drive voltage was "its reading never changes", and the contact that stood for all 0.004 N."""
+    frame = sensor(layout, disc(*layout.positions[5], 0.006)).frame(0.0)
+    pipeline = Pipeline(layout, Settings("auto", noise=NOISE, deadline=AT_ONCE))
+    result = pipeline.process(frame, layout.grounded, DRIVE, row_period=ROW_PERIOD)
+    assert not result.complete and not result.faults and not result.excluded
+    assert result.state == "withheld" and not result.contacts
 
 
 def test_what_stands_for_all_releases_no_contact_that_lasts(layout, frames, nine):

@@ -67,6 +67,7 @@ from tomotactile_ros.reconstruction.unusable_electrodes import (
     covered_electrodes,
     dead_channels,
     is_doubtful,
+    pinned_electrodes,
     swapped_channels,
     why_left_out,
 )
@@ -339,7 +340,7 @@ class Pipeline:
         if found.given is not given:  # of a frame before, whose search has ended since
             result.holds += found.given.began - given.began
             result.complete = False
-        if found.one_by_one and result.contacts and _may_be_covered(result.faults):
+        if _may_be_covered(result.faults):
             readings = np.fmax.reduce(self._rows_of(found.given)[0])
             result = self._without_covered(result, readings, given.drive_voltage)
         if self.settings.image == "none":
@@ -371,8 +372,11 @@ class Pipeline:
         self, result: Result, readings: np.ndarray, drive_voltage: float
     ) -> Result:
         """The same, in which no electrode is named of which readings (E,), V, are those of what touches
-        it."""
-        covered = covered_electrodes(self.layout, result.contacts, readings, drive_voltage)
+        it, or may be, where the deadline left no time to tell."""
+        if result.complete:
+            covered = covered_electrodes(self.layout, result.contacts, readings, drive_voltage)
+        else:
+            covered = pinned_electrodes(readings, drive_voltage)
         pinned = {e for e, why in result.faults.items() if why in _OF_COVERED and covered[e]}
         faults = {e: why for e, why in result.faults.items() if e not in pinned}
         left_out = tuple(e for e in result.excluded if e not in pinned)
@@ -917,17 +921,20 @@ class Pipeline:
             return _Found(replace(result, complete=False), given)
         values = local.image(measured).astype(float)
         contact, pressure = all_as_one(values, local.spacing, self.settings.law, self.grid)
-        lasting = self._tracks.lasting
+        hidden = bad & screening.driven_channels(frame, np.isfinite(frame), given.drive_voltage)
+        untold = (
+            self._tracks.lasting or hidden.any()
+        )  # what touches there shows in no other reading
         potential = _potential(values, local.typical_impedance, given)
         result = Result(
             self.grid.fill(potential),
             self.grid.fill(pressure),
-            [] if lasting else [contact],
+            [] if untold else [contact],
             _numbers(bad),
             False,
             local.regularization(local.level(measured)),
-            state="withheld" if lasting else "valid",
-            reason=UNDECIDED if lasting else "",
+            state="withheld" if untold else "valid",
+            reason=UNDECIDED if untold else "",
             faults=self._faults(frame, bad),
             holds=given.lasts / 2,
             complete=False,
