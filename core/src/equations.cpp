@@ -50,17 +50,16 @@ SheetColumns::SheetColumns(const Fit& fit)
   if (bonded_) added_ = fit.prediction->middle().added();
 }
 
-bool SheetColumns::serves(const Fit& fit, double within) const {
+bool SheetColumns::serves(const Fit& fit) const {
   const bool near = bonded_ && fit.unknowns.bond.size()
                         ? add_alike(fit, added_, kAlike)
-                        : similar(fit.unknowns.contacts, contacts_, fit.sheet->tables().pitch, within);
+                        : similar(fit.unknowns.contacts, contacts_, fit.sheet->tables().pitch, kSimilar);
   return near && rows_->same(*fit.rows);
 }
 
-Equations::Equations(std::shared_ptr<const Fit> at, Matrix flat, const Matrix& of_contacts, std::shared_ptr<const SheetColumns> known,
-                     double within)
+Equations::Equations(std::shared_ptr<const Fit> at, Matrix flat, const Matrix& of_contacts, std::shared_ptr<const SheetColumns> known)
     : fit(std::move(at)), contacts(std::move(flat)),
-      sheet(known && known->serves(*fit, within) ? std::move(known) : std::make_shared<SheetColumns>(*fit)),
+      sheet(known && known->serves(*fit) ? std::move(known) : std::make_shared<SheetColumns>(*fit)),
       channels(contacts, sheet->weighted, fit->rows->weights, fit->slopes(), *fit->prior) {
   const Index f = contacts.cols(), modes = sheet->flat.cols();
   normal.resize(f + modes, f + modes);
@@ -170,14 +169,14 @@ Linear Linear::of_contacts(std::shared_ptr<const Fit> at) {
   return out;
 }
 
-Linear Linear::of_all(std::shared_ptr<const Fit> at, std::shared_ptr<const Equations> known, bool anew, double within) {
+Linear Linear::of_all(std::shared_ptr<const Fit> at, std::shared_ptr<const Equations> known, bool anew) {
   Linear out;
   Matrix curvature;
   Vector pull;
   contact_priors(*at, curvature, pull);
   if (!known || anew || !known->serves(*at)) {
     Linear contacts = of_contacts(at);
-    known = std::make_shared<Equations>(at, std::move(contacts.flat), contacts.normal, known ? known->sheet : nullptr, within);
+    known = std::make_shared<Equations>(at, std::move(contacts.flat), contacts.normal, known ? known->sheet : nullptr);
   }
   out.free = pull.size();
   out.fit = std::move(at);

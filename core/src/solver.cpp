@@ -101,10 +101,9 @@ Solution solve(Point fit, int steps, std::shared_ptr<const Equations> known, dou
   Solution out;
   double damping = kFirstDamping;
   bool slow = false;
-  double within = kReach;  // derivatives by the sheet from farther away lead on as well, till it is nearly there
-  Linear linear = Linear::of_all(fit, known, false, within);
+  Linear linear = Linear::of_all(fit, known, false);
   for (int step = 0; step < std::max(steps, 1); ++step) {
-    if (step) linear = Linear::of_all(fit, known, slow, within);
+    if (step) linear = Linear::of_all(fit, known, slow);
     known = linear.equations;
     const Descent found = descend(linear, damping, kChords, out.work);
     damping = found.damping;
@@ -112,17 +111,13 @@ Solution solve(Point fit, int steps, std::shared_ptr<const Equations> known, dou
     if (found.better) fit = found.better;
     const double settled = kConverged * fit->doubt();
     // after a short whole step the next takes off less than what the linear model was wrong by
-    const bool exact = found.step.whole && std::abs(gained - found.step.promised) < settled;
+    const bool exact = found.step.whole && std::abs(gained - found.step.promised) < settled && known->sheet->serves(*fit);
     out.steps = step + 1;
-    if (out.work >= most) break;
-    if (gained < settled || exact) {
-      if (within == kSimilar || known->sheet->serves(*fit)) break;
-      within = kSimilar;
-    }
+    if (gained < settled || exact || out.work >= most) break;
     if (step && fit->cost - kHope * gained > goal) break;
     slow = found.step.whole && is_slow(found.step.promised, found.step.promised - gained, settled);
   }
-  if (known->bends(*fit) || !known->sheet->serves(*fit)) {
+  if (known->bends(*fit)) {
     linear = Linear::of_all(fit, known);
     known = linear.equations;
   }

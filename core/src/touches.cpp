@@ -65,29 +65,22 @@ double softened(double squared, double mutual) {
 }
 
 // Ways from places to another place and to its images in both rims of a rectangle, one place after the other.
-class Ways {
- public:
-  Ways(const Outline& outline, const Points& from)
-      : size_(outline.size), x_(from.row(0).transpose()), y_(from.row(1).transpose()), images(outline.rectangle ? 3 : 1) {}
-
-  void to(const Eigen::Vector2d& place) {
-    set(x_, place.x(), size_.x(), across, wide);
-    set(y_, place.y(), size_.y(), up, high);
-  }
-
- private:
-  Eigen::Vector2d size_;
-  Eigen::ArrayXd x_, y_;
-
- public:
+struct Ways {
+  const Eigen::Vector2d size;
+  const Eigen::ArrayXd x, y;
   const int images;  // along each axis, itself included
   std::array<Eigen::ArrayXd, 3> across, up, wide, high;  // ways, and their squares
 
- private:
-  void set(const Eigen::ArrayXd& at, double other, double side, std::array<Eigen::ArrayXd, 3>& way,
-           std::array<Eigen::ArrayXd, 3>& squared) const {
-    const double shift[3] = {-other, other + side, other - side};
-    for (int k = 0; k < images; ++k) way[k] = at + shift[k], squared[k] = way[k].square();
+  Ways(const Outline& outline, const Points& from)
+      : size(outline.size), x(from.row(0).transpose()), y(from.row(1).transpose()), images(outline.rectangle ? 3 : 1) {}
+
+  void to(const Eigen::Vector2d& place) {
+    const double beside[3] = {-place.x(), place.x() + size.x(), place.x() - size.x()};
+    const double above[3] = {-place.y(), place.y() + size.y(), place.y() - size.y()};
+    for (int k = 0; k < images; ++k) {
+      across[k] = x + beside[k], wide[k] = across[k].square();
+      up[k] = y + above[k], high[k] = up[k].square();
+    }
   }
 };
 

@@ -189,9 +189,10 @@ def at_rest(fit: Fit, threshold: float, known: Equations | None) -> Fit:
     serve."""
     if known is None or not known.serves(fit.core):
         return whole(_descended(fit, _STEPS, Contacts), threshold, known)
-    found = _descended(fit, _WHOLE, _Linearised(known))
+    linearised = _Linearised(known)
+    found = _descended(fit, _WHOLE, linearised)
     if not known.serves(found.core) or found.chi_squared > _LACKING * found.rows.count:
-        return whole(found, threshold, known)
+        return whole(found, threshold, linearised.known)
     found.covariance, found.equations, found.steps = Linear(found, known).covariance(), known, 1
     return found
 

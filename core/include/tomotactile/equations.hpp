@@ -12,16 +12,13 @@ namespace tomotactile {
 // Whether contacts are nearly the same as others, one by one: within a part of the spacing and as much in form.
 bool similar(const Parameters& contacts, const Parameters& others, double pitch, double within);
 
-constexpr double kSimilar = 0.04;  // spacings that contacts move before derivatives by the sheet are taken anew
-constexpr double kReach = 0.3, kReachStrength = 1.5;  // spacings and of ln c: one linearisation holds for it
-
 // Derivatives by the sheet's coefficients, at a fit.
 struct SheetColumns {
   Matrix flat, weighted;  // nL x J; times the weights
   Matrix normal;          // J x J
 
   explicit SheetColumns(const Fit& fit);
-  bool serves(const Fit& fit, double within = kSimilar) const;  // good enough at another fit, contacts `within` spacings
+  bool serves(const Fit& fit) const;  // good enough at another fit
 
  private:
   std::shared_ptr<const Rows> rows_;
@@ -39,8 +36,7 @@ struct Equations {
   Matrix normal;    // (F + J)^2 of contacts and sheet with the priors, channels eliminated
   Vector stiffness; // of each parameter of a contact, the part that is left of its diagonal where the sheet gives way
 
-  Equations(std::shared_ptr<const Fit> fit, Matrix flat, const Matrix& of_contacts, std::shared_ptr<const SheetColumns> sheet,
-            double within = kSimilar);
+  Equations(std::shared_ptr<const Fit> fit, Matrix flat, const Matrix& of_contacts, std::shared_ptr<const SheetColumns> sheet);
 
   Matrix inverse() const;  // covariance of contacts and sheet, channels marginal
   Matrix response(const Matrix& misfits) const;  // F x m: how contacts answer to misfits, nL x m, all else marginal
@@ -67,8 +63,7 @@ class Linear {
  public:
   static Linear of_contacts(std::shared_ptr<const Fit> fit);  // the sensor as it is there
   // Of contacts and sheet, channels eliminated, with equations known from a fit nearby, or anew.
-  static Linear of_all(std::shared_ptr<const Fit> fit, std::shared_ptr<const Equations> known, bool anew = false,
-                       double within = kSimilar);
+  static Linear of_all(std::shared_ptr<const Fit> fit, std::shared_ptr<const Equations> known, bool anew = false);
 
   Linear about(std::shared_ptr<const Fit> fit) const;  // the right side of a fit nearby: a chord for a tangent
   Step step(double damping) const;
@@ -91,6 +86,8 @@ class Linear {
 };
 
 constexpr double kFirstDamping = 1e-3;
+constexpr double kReach = 0.3, kReachStrength = 1.5;  // spacings and of ln c: one linearisation holds for it
+constexpr double kSimilar = 0.04;  // spacings that contacts move before derivatives by the sheet are taken anew
 constexpr int kSteps = 12;  // at most, from one start
 
 struct Solution {
