@@ -67,7 +67,6 @@ from tomotactile_ros.reconstruction.unusable_electrodes import (
     covered_electrodes,
     dead_channels,
     is_doubtful,
-    pinned_electrodes,
     swapped_channels,
     why_left_out,
 )
@@ -340,7 +339,7 @@ class Pipeline:
         if found.given is not given:  # of a frame before, whose search has ended since
             result.holds += found.given.began - given.began
             result.complete = False
-        if _may_be_covered(result.faults):
+        if found.one_by_one and result.contacts and _may_be_covered(result.faults):
             readings = np.fmax.reduce(self._rows_of(found.given)[0])
             result = self._without_covered(result, readings, given.drive_voltage)
         if self.settings.image == "none":
@@ -372,11 +371,8 @@ class Pipeline:
         self, result: Result, readings: np.ndarray, drive_voltage: float
     ) -> Result:
         """The same, in which no electrode is named of which readings (E,), V, are those of what touches
-        it, or may be, where the deadline left no time to tell."""
-        if result.complete:
-            covered = covered_electrodes(self.layout, result.contacts, readings, drive_voltage)
-        else:
-            covered = pinned_electrodes(readings, drive_voltage)
+        it."""
+        covered = covered_electrodes(self.layout, result.contacts, readings, drive_voltage)
         pinned = {e for e, why in result.faults.items() if why in _OF_COVERED and covered[e]}
         faults = {e: why for e, why in result.faults.items() if e not in pinned}
         left_out = tuple(e for e in result.excluded if e not in pinned)
@@ -915,16 +911,15 @@ class Pipeline:
         if shown is not None:
             return _Found(replace(shown, complete=False), given)
         frame, bad, local, measured = read
+        covered = self._may_be_under(frame, bad, given.drive_voltage)
+        bad = bad & ~covered  # which of them are broken, no single look tells
+        faults = self._faults(frame, bad)
         if measured is None:
-            faults = self._faults(frame, bad)
             result = self._withheld(UNDECIDED, bad, faults, math.nan, given.lasts / 2)
             return _Found(replace(result, complete=False), given)
         values = local.image(measured).astype(float)
         contact, pressure = all_as_one(values, local.spacing, self.settings.law, self.grid)
-        hidden = bad & screening.driven_channels(frame, np.isfinite(frame), given.drive_voltage)
-        untold = (
-            self._tracks.lasting or hidden.any()
-        )  # what touches there shows in no other reading
+        untold = self._tracks.lasting or covered.any()  # what lies there shows in no other reading
         potential = _potential(values, local.typical_impedance, given)
         result = Result(
             self.grid.fill(potential),
@@ -935,7 +930,7 @@ class Pipeline:
             local.regularization(local.level(measured)),
             state="withheld" if untold else "valid",
             reason=UNDECIDED if untold else "",
-            faults=self._faults(frame, bad),
+            faults=faults,
             holds=given.lasts / 2,
             complete=False,
         )
@@ -1001,10 +996,8 @@ class Pipeline:
         read = ~np.isnan(frame) & ~bad & ~bad[:, None]
         left = 1 - np.where(read, frame, drive_voltage) / drive_voltage
         covered = open_grounds(left, read, noise / drive_voltage) & read.any(axis=1)
-        silent, bad = bad, bad | covered
-        silent = silent & ~self._excluded
-        if silent.any():
-            covered |= silent & driven_channels(frame, ~np.isnan(frame), drive_voltage)
+        covered |= self._may_be_under(frame, bad, drive_voltage)
+        bad = bad | covered
         changes = latest_state(left[~bad], read[~bad], noise / drive_voltage) > 0
         used = np.flatnonzero(~bad)
         if len(used) < 2:
@@ -1013,6 +1006,14 @@ class Pipeline:
         if changes or (covered.any() and not doubtful):
             measured = None
         return frame, bad, local, measured
+
+    def _may_be_under(self, frame, bad, drive_voltage) -> np.ndarray:
+        """(E,) channels of those that are `bad`, but not excluded, that read what electrodes under a conductor
+        do."""
+        silent = bad & ~self._excluded
+        if not silent.any():
+            return silent
+        return silent & driven_channels(frame, ~np.isnan(frame), drive_voltage)
 
     def _silent(self, frame) -> tuple[np.ndarray, bool]:
         """(E,) channels of an ordered frame (E, E), V, that are excluded, dead or stuck, and whether the

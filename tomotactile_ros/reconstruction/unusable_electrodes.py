@@ -69,18 +69,13 @@ def why_left_out(
     return found
 
 
-def pinned_electrodes(readings: np.ndarray, drive_voltage: float) -> np.ndarray:
-    """(E,) bool: electrodes that read (E,) V no less than the drive voltage, but for the gain of a channel."""
-    return readings > (1 - _GAINS_DIFFER) * drive_voltage
-
-
 def covered_electrodes(
     layout: Layout, contacts: Sequence[ContactEstimate], readings: np.ndarray, drive_voltage: float
 ) -> np.ndarray:
-    """(E,) bool: `pinned_electrodes` that one of the `contacts` may cover: what conducts that well on an
-    electrode pins its reading, which is no defect. The end of a long one is as far from the disc that it is
-    told as as a spacing."""
-    pinned = pinned_electrodes(readings, drive_voltage)
+    """(E,) bool: electrodes that read (E,) V no less than the drive voltage, but for the gain of a channel,
+    and that one of the `contacts` may cover: what conducts that well on an electrode pins its reading, which
+    is no defect. The end of a long one is as far from the disc that it is told as as a spacing."""
+    pinned = readings > (1 - _GAINS_DIFFER) * drive_voltage
     covered, reach = np.zeros(len(pinned), bool), float(np.median(layout.pitches))
     for contact in contacts:
         apart = np.hypot(*(layout.positions - [contact.x, contact.y]).T)
