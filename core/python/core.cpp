@@ -343,7 +343,8 @@ PYBIND11_MODULE(TOMOTACTILE_MODULE, m) {
         return out;
       })
       .def("stronger", [](const Touches& t, const Array& contacts) {
-        return std::const_pointer_cast<Touches>(t.on(t.coefficients, matrix<Parameters>(contacts, "contacts", 6)));
+        const Parameters others = matrix<Parameters>(contacts, "contacts", 6);
+        return std::const_pointer_cast<Touches>(t.with(t.coefficients, others, t.across, 0));
       })
       .def("centre", [](const Touches& t, Index i) {
         if (i < 0 || i >= t.count()) throw py::index_error("no such contact");
@@ -516,11 +517,10 @@ PYBIND11_MODULE(TOMOTACTILE_MODULE, m) {
       .def_property_readonly("of_sensor", &Fit::of_sensor)
       .def_property_readonly("slopes", &Fit::slopes)
       .def("weighed", [](const Fit& f, std::shared_ptr<Rows> rows) { return std::make_shared<Fit>(f.weighed(rows)); })
-      .def("in_place", [](const Fit& f, const py::object& u) {
-        if (!f.prediction->middle().touches) throw BadInput("nothing touches: there is no place to keep");
+      .def("at", [](const Fit& f, const py::object& u) {
         Unknowns at = unknowns(u);
         Free free;
-        return std::make_shared<Fit>(f.in_place(std::move(at)));
+        return std::make_shared<Fit>(f.with(std::move(at)));
       })
       .def_property_readonly("contact_priors", [](const Fit& f) {
         Matrix curvature;
@@ -545,9 +545,12 @@ PYBIND11_MODULE(TOMOTACTILE_MODULE, m) {
         const Step step = l.step(damping);
         return py::make_tuple(dictionary(step.unknowns), step.promised, step.whole);
       })
-      .def("followed", [](const Linear& l, const py::object& u, const Array& step) {
-        if (!l.equations || step.ndim() != 1 || step.size() != l.right.size()) refuse("step", "(F + J,)");
-        return dictionary(l.followed(unknowns(u), vector(step, "step")));
+      .def("after", [](const Linear& l, const Array& step) {
+        if (step.ndim() != 1 || step.size() != l.right.size()) refuse("step", "of all parameters");
+        Vector way = vector(step, "step");
+        const double longer = l.excess(way);
+        way /= longer;
+        return py::make_tuple(dictionary(l.after(way)), longer);
       });
 
   m.def("approach", [](std::shared_ptr<Fit> fit, double most) {

@@ -137,9 +137,10 @@ Vector answering(const Prediction& prediction) {
 }
 
 bool Equations::bends(const Fit& other) const {
-  if (!other.unknowns.contacts.cols()) return false;
-  const Vector known = answering(*fit->prediction), here = answering(*other.prediction);
-  return known.size() != here.size() || ((known - here).array().abs() > kBent).any();
+  const Index alone = other.unknowns.alone();
+  if (fit->unknowns.alone() != alone) return true;
+  const Vector known = answering(*fit->prediction).head(alone), here = answering(*other.prediction).head(alone);
+  return ((known - here).array().abs() > kBent).any();
 }
 
 bool Equations::serves(const Fit& other) const {
@@ -147,11 +148,14 @@ bool Equations::serves(const Fit& other) const {
   if (known.free.cols() != here.free.cols() || (known.free != here.free).any() || known.is_moving() || here.is_moving() ||
       !fit->rows->same(*other.rows) || !fit->prior->same_sensor(*other.prior))
     return false;
-  if (!here.bond.size()) return similar(known.contacts, here.contacts, fit->sheet->tables().pitch, kStill) && !bends(other);
-  Parameters in_place = known.contacts;
-  in_place.row(kStrength) = here.contacts.row(kStrength);
-  return known.bond.size() == here.bond.size() && in_place == here.contacts && known.bond == here.bond &&
-          add_alike(other, fit->prediction->middle().added(), kStill);
+  const Index alone = here.alone(), cells = here.bond.rows();
+  if (known.bond.rows() != cells || known.bond != here.bond || bends(other) ||
+      !similar(known.contacts.leftCols(alone), here.contacts.leftCols(alone), fit->sheet->tables().pitch, kStill))
+    return false;
+  if (!cells) return true;
+  Parameters in_place = known.contacts.rightCols(cells);
+  in_place.row(kStrength) = here.contacts.row(kStrength).tail(cells);
+  return in_place == here.contacts.rightCols(cells) && add_alike(other, fit->prediction->middle().added(), kStill);
 }
 
 Linear Linear::of_contacts(std::shared_ptr<const Fit> at) {
@@ -181,8 +185,9 @@ Linear Linear::of_all(std::shared_ptr<const Fit> at, std::shared_ptr<const Equat
   out.free = pull.size();
   out.fit = std::move(at);
   out.normal = known->normal, out.stiffness = known->stiffness;
-  if (out.fit->unknowns.bond.size()) {  // readings are linear in what cells conduct, not in its logarithm
-    out.units = (out.fit->unknowns.contacts.row(kStrength) - known->fit->unknowns.contacts.row(kStrength)).array().exp().matrix().transpose();
+  if (const Index cells = out.fit->unknowns.bond.rows()) {  // readings are linear in what cells conduct, not in its logarithm
+    out.units = Vector::Ones(out.free);
+    out.units.tail(cells) = out.fit->unknowns.of_cells().cwiseQuotient(known->fit->unknowns.of_cells());
     out.normal.topRows(out.free).array().colwise() *= out.units.array();
     out.normal.leftCols(out.free).array().rowwise() *= out.units.array().transpose();
   }
@@ -221,32 +226,43 @@ void Linear::aim(const Vector& pull) {
 }
 
 Step Linear::step(double damping) const {
-  const Unknowns& u = fit->unknowns;
   const Vector scale = scale_of(normal);
   Matrix system = scaled(normal, scale);
   system.diagonal().head(free) += damping * stiffness;
   Vector step = scale.cwiseProduct(solved(system, scale.cwiseProduct(right)).col(0));
   Step out;
   out.promised = step.dot(2 * right - normal * step) + beside;
+  const double longer = excess(step);
+  out.whole = damping <= kFirstDamping && longer == 1;
+  step /= longer;
+  out.unknowns = after(step);
+  if (!out.unknowns.is_finite()) out.unknowns = fit->unknowns, out.promised = 0;  // of readings that nothing explains: no way leads on
+  return out;
+}
+
+double Linear::excess(const Vector& step) const {
+  const Unknowns& u = fit->unknowns;
   const double pitch = fit->sheet->tables().pitch;
   const double limits[6] = {kReach * pitch, kReach * pitch, kReachStrength, 0.5, 0.3, 0.3};
   double longest = 0;
   Index at = 0;
-  for (Index i = 0; i < u.contacts.cols(); ++i)
+  for (Index i = 0; i < u.alone(); ++i)
     for (int which = 0; which < 6; ++which)
       if (u.free(which, i)) longest = std::max(longest, std::abs(step[at++]) / limits[which]);
-  out.whole = damping <= kFirstDamping && longest <= 1;
-  step /= std::max(longest, 1.0);
+  return std::max(longest, 1.0);
+}
 
+Unknowns Linear::after(const Vector& step) const {
+  const Unknowns& u = fit->unknowns;
   Unknowns moved = u;
-  at = 0;
+  Index at = 0;
   for (Index i = 0; i < u.contacts.cols(); ++i)
     for (int which = 0; which < 6; ++which)
       if (u.free(which, i)) moved.contacts(which, i) += step[at++];
   for (Index i = 0; i < u.contacts.cols(); ++i)
     if (u.moving[i]) moved.rates.col(i) += step.segment<3>(at), at += 3;
   const Tables& t = fit->sheet->tables();
-  const double smallest = std::log(std::min(kPoint * pitch, kSmall * fit->prior->radius));
+  const double smallest = std::log(std::min(kPoint * t.pitch, kSmall * fit->prior->radius));
   const double largest = std::log(t.outline.size.maxCoeff()), least = std::log(kLeast * t.admittance.diagonal().maxCoeff());
   for (Index i = 0; i < u.contacts.cols(); ++i) {
     auto contact = moved.contacts.col(i);
@@ -257,9 +273,7 @@ Step Linear::step(double damping) const {
     const double most = std::log(kMost / std::max(fit->prediction->middle().touches->mean[i], 1e-9));
     contact[kStrength] = std::min(std::max(contact[kStrength], least), std::max(most, least));
   }
-  out.unknowns = equations ? followed(std::move(moved), step) : std::move(moved);
-  if (!out.unknowns.is_finite()) out.unknowns = u, out.promised = 0;  // of readings that nothing explains: no way leads on
-  return out;
+  return equations ? followed(std::move(moved), step) : moved;
 }
 
 Unknowns Linear::followed(Unknowns out, const Vector& step) const {

@@ -79,19 +79,19 @@ Fit::Fit(std::shared_ptr<const Sheet> on, Unknowns at, std::shared_ptr<const Row
   misfit = rows->readings - prediction->readings;
   chi_squared = chi_squared_of(misfit, rows->weights);
   cost = chi_squared + of_sensor();
-  const Parameters& contacts = unknowns.contacts;
-  if (unknowns.bond.size()) {
-    const Vector strengths = contacts.row(kStrength).array().exp().matrix().transpose();
-    cost += strengths.dot(unknowns.bond * strengths);
-    return;
-  }
+  const Vector strengths = unknowns.of_cells();
+  cost += strengths.dot(unknowns.bond * strengths);
+  const auto contacts = unknowns.contacts.leftCols(unknowns.alone());
   cost += ((contacts.row(kRadius).array() - std::log(prior->radius)) / prior->spread).square().sum();
   cost += contacts.bottomRows<2>().squaredNorm() / (prior->stretch * prior->stretch);
   cost += (prior->rates.cwiseInverse().asDiagonal() * unknowns.rates).squaredNorm();
 }
 
-Fit Fit::in_place(Unknowns other) const {
-  auto touches = prediction->middle().touches->on(other.sheet, other.contacts);
+Fit Fit::with(Unknowns other) const {
+  if (unknowns.is_moving() || other.is_moving() || !unknowns.contacts.cols() || !other.contacts.cols())
+    return Fit(sheet, std::move(other), rows, prior);
+  other.check(*sheet);
+  auto touches = prediction->middle().touches->with(other.sheet, other.contacts, other.across, other.bond.rows());
   auto at = std::make_shared<Prediction>(sheet, other, rows->grounded, Vector(), std::move(touches));
   return Fit(sheet, std::move(other), rows, prior, std::move(at));
 }
@@ -132,18 +132,12 @@ Slopes Fit::slopes() const {
 void contact_priors(const Fit& fit, Matrix& curvature, Vector& pull) {
   const Unknowns& u = fit.unknowns;
   const Prior& prior = *fit.prior;
-  if (u.bond.size()) {  // a shape: its cells' conductances alone are free
-    const Vector strengths = u.contacts.row(kStrength).array().exp().matrix().transpose();
-    curvature = strengths.asDiagonal() * u.bond * strengths.asDiagonal();
-    pull = -strengths.cwiseProduct(u.bond * strengths);
-    return;
-  }
   const double size = fit.sheet->tables().outline.size.maxCoeff();
   const Index free = u.free.count();
   Vector diagonal(free + 3 * u.rated());
   pull = Vector::Zero(diagonal.size());
   Index at = 0;
-  for (Index i = 0; i < u.contacts.cols(); ++i)
+  for (Index i = 0; i < u.alone(); ++i)
     for (int which = 0; which < 6; ++which) {
       if (!u.free(which, i)) continue;
       const double value = u.contacts(which, i);
@@ -167,6 +161,10 @@ void contact_priors(const Fit& fit, Matrix& curvature, Vector& pull) {
     at += 3;
   }
   curvature = diagonal.asDiagonal();
+  if (!u.bond.size()) return;  // else nothing moves: conductances of cells are the last ones
+  const Vector strengths = u.of_cells();
+  curvature.bottomRightCorner(u.bond.rows(), u.bond.cols()) = strengths.asDiagonal() * u.bond * strengths.asDiagonal();
+  pull.tail(u.bond.rows()) = -strengths.cwiseProduct(u.bond * strengths);
 }
 
 }  // namespace tomotactile

@@ -47,10 +47,10 @@ void Unknowns::check(const Sheet& on) const {
   if (Index(across.size()) != k || free.cols() != k || rates.cols() != k || Index(moving.size()) != k)
     throw BadInput("contacts, patches, free parameters and rates differ in number");
   if (bond.size()) {
-    if (bond.rows() != k || bond.cols() != k) throw BadInput("the bond of cells has another size");
-    Mask strengths = Mask::Constant(6, k, false);
+    if (bond.rows() > k || bond.cols() != bond.rows()) throw BadInput("the bond of cells has another size");
+    Mask strengths = Mask::Constant(6, bond.rows(), false);
     strengths.row(kStrength).setConstant(true);
-    if ((free != strengths).any() || is_moving()) throw BadInput("of cells that are bonded the conductances alone are free");
+    if ((free.rightCols(bond.rows()) != strengths).any() || is_moving()) throw BadInput("of cells that are bonded the conductances alone are free");
   }
   if (sheet.size() != on.modes()) throw BadInput("coefficients of the sheet are not as many as its modes");
   if (!is_finite()) throw BadInput("contacts, sheet and channels must be finite");
@@ -63,7 +63,7 @@ Snapshot::Snapshot(std::shared_ptr<const Sheet> on, const Unknowns& u, const std
     : sheet(std::move(on)), touches(std::move(known)), rows(grounded) {
   const Index n = sheet->count(), scan = Index(rows.size());
   if (u.contacts.cols()) {
-    if (!touches) touches = std::make_shared<Touches>(sheet, u.contacts, u.across, u.sheet, u.bond.size() > 0);
+    if (!touches) touches = std::make_shared<Touches>(sheet, u.contacts, u.across, u.sheet, u.bond.rows());
     const Touches& t = *touches;
     direct_ = Vector::Zero(n);
     Vector root(t.patches());

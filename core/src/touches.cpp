@@ -95,6 +95,12 @@ void for_near(const Eigen::ArrayXd& squared, const Eigen::ArrayXd& radii, double
   }
 }
 
+// Whether a contact differs from another in its conductance only.
+bool is_in_place(Eigen::Matrix<double, 6, 1> contact, const Eigen::Matrix<double, 6, 1>& other) {
+  contact[kStrength] = other[kStrength];
+  return contact == other;
+}
+
 double largest_square(const Eigen::ArrayXd& radii) { return radii.size() ? radii.square().maxCoeff() : 0.0; }
 
 // ln of the product of squared distances between clouds and to their images.
@@ -139,7 +145,8 @@ Matrix mutual_impedance(const Sheet& sheet, const Points& places, const Vector& 
   return (out + out.transpose()) / 2;
 }
 
-Touches::Touches(std::shared_ptr<const Sheet> on, Parameters parameters, std::vector<int> wide, const Vector& sheet_, bool cells)
+Touches::Touches(std::shared_ptr<const Sheet> on, Parameters parameters, std::vector<int> wide, const Vector& sheet_, Index cells,
+                 const Touches* known)
     : sheet(std::move(on)), contacts(std::move(parameters)), across(std::move(wide)), coefficients(sheet_), cells_(cells) {
   if (Index(across.size()) != count()) throw BadInput("patches to the width are not given for each contact");
   if (coefficients.size() != sheet->modes()) throw BadInput("coefficients of the sheet are not as many as its modes");
@@ -157,7 +164,7 @@ Touches::Touches(std::shared_ptr<const Sheet> on, Parameters parameters, std::ve
   }
   if (!place_.allFinite() || !radii_.allFinite()) throw BadInput("a contact is not finite");
   place(area);
-  connect();
+  connect(known);
   take();
 }
 
@@ -205,7 +212,7 @@ void Touches::place(const Vector& area) {
 }
 
 // H and D on the even sheet, D between contacts that feel each other only.
-void Touches::connect() {
+void Touches::connect(const Touches* known) {
   const Tables& t = sheet->tables();
   const Index n = sheet->count();
   const Matrix potentials = sheet->potentials_at(place_);
@@ -224,11 +231,25 @@ void Touches::connect() {
   even_ = Matrix::Zero(patches(), patches());
   bare_ = Eigen::Array<bool, Eigen::Dynamic, 1>::Constant(patches(), false);
   const double scale = -t.resistance / (4 * kPi);
+  std::vector<bool> still(patches());  // those of contacts that are where they were
+  if (known && known->begin_ == begin_ && known->sheet == sheet && known->cells_ == cells_) {
+    for (Index i = 0; i < count(); ++i) {
+      const bool same = across[i] == known->across[i] && is_in_place(contacts.col(i), known->contacts.col(i));
+      std::fill_n(still.begin() + begin(i), size(i), same);
+    }
+    for (Index p = 0; p < patches(); ++p) {
+      if (!still[p]) continue;
+      bare_[p] = known->bare_[p];
+      for (Index q = 0; q < patches(); ++q)
+        if (still[q]) even_(q, p) = known->even_(q, p);
+    }
+  }
   for (Index i = 0; i < count(); ++i) {
     const Index first = begin(i), last = begin_[i + 1];
     std::vector<int> others;  // each pair of contacts once
     for (int other : near(i))
-      if (other < last) others.push_back(other);
+      if (other < last && !(still[first] && still[other])) others.push_back(other);
+    if (others.empty()) continue;
     Matrix block = smooth(Eigen::seqN(first, size(i)), others);
     charges_.add_between(first, size(i), others, block);
     block.noalias() -= potentials.middleCols(first, size(i)).transpose() * solved_(Eigen::all, others);
@@ -236,13 +257,15 @@ void Touches::connect() {
     const Points mine = place_.middleCols(first, size(i)), theirs = place_(Eigen::all, others);
     const Eigen::ArrayXd radii = radii_.segment(first, size(i)).array(), their_radii = radii_(others).array();
     block += scale * log_distances(t.outline, mine, radii, theirs, their_radii);
-    auto own = block.rightCols(size(i));
-    own.colwise() += alone.segment(first, size(i)) / 2;
-    own.rowwise() += alone.segment(first, size(i)).transpose() / 2;
-    own = ((own + own.transpose()) / 2).eval();
-    for (Index p = 0; p < size(i); ++p) {
-      bare_[first + p] = own(p, p) < 0;
-      own(p, p) = std::max(own(p, p), 0.0);
+    if (!still[first]) {
+      auto own = block.rightCols(size(i));
+      own.colwise() += alone.segment(first, size(i)) / 2;
+      own.rowwise() += alone.segment(first, size(i)).transpose() / 2;
+      own = ((own + own.transpose()) / 2).eval();
+      for (Index p = 0; p < size(i); ++p) {
+        bare_[first + p] = own(p, p) < 0;
+        own(p, p) = std::max(own(p, p), 0.0);
+      }
     }
     even_(Eigen::seqN(first, size(i)), others) = block;
     even_(others, Eigen::seqN(first, size(i))) = block.transpose();
@@ -259,7 +282,8 @@ void Touches::find_near() {
     for (Index j = 0; j < count(); ++j) {
       const double apart = (contacts.block<2, 1>(0, i) - contacts.block<2, 1>(0, j)).norm();
       const double gap = apart - std::exp(contacts(kRadius, i)) - std::exp(contacts(kRadius, j));
-      if (i != j && !cells_ && !(gap < reach)) continue;
+      const bool of_shape = std::min(i, j) >= count() - cells_;
+      if (i != j && !of_shape && !(gap < reach)) continue;
       for (Index p = begin(j); p < begin_[j + 1]; ++p) near_[i].push_back(int(p));
       if (group[i] == group[j]) continue;
       const int from = std::max(group[i], group[j]), to = std::min(group[i], group[j]);
@@ -289,7 +313,11 @@ void Touches::take() {
   }
 }
 
-std::shared_ptr<const Touches> Touches::on(const Vector& other, const Parameters& parameters) const {
+std::shared_ptr<const Touches> Touches::with(const Vector& other, const Parameters& parameters, const std::vector<int>& wide,
+                                             Index cells) const {
+  bool stay = parameters.cols() == count() && wide == across && cells == cells_;
+  for (Index i = 0; stay && i < count(); ++i) stay = is_in_place(parameters.col(i), contacts.col(i));
+  if (!stay) return std::make_shared<Touches>(sheet, parameters, wide, other, cells, this);
   auto out = std::make_shared<Touches>(*this);
   out->contacts = parameters;
   if (other != coefficients) out->coefficients = other, out->take();

@@ -6,7 +6,8 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
-from scipy.cluster.hierarchy import fcluster, linkage
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial.distance import cdist
 
 from tomotactile_ros.estimation.forward import Unknowns
 from tomotactile_ros.estimation.operator import SheetOperator
@@ -76,28 +77,38 @@ def halved(
     """The same with two discs of `radius`, m, in the place of contact `which`, at the end of all; None
     if that is not long."""
     contact = unknowns.contacts[which]
-    long = float(np.hypot(*contact[STRETCH:]))
-    if long <= LONG:
+    if float(np.hypot(*contact[STRETCH:])) <= LONG:
         return None
     # moments of two points half a long axis from the middle are those of the ellipse
-    angle = np.arctan2(contact[SHEAR], contact[STRETCH]) / 2
-    way = np.exp(contact[RADIUS] + long) / 2 * np.array([np.cos(angle), np.sin(angle)])
     strength = float(np.exp(contact[CONDUCTANCE])) / 2
     out = chosen(unknowns, np.arange(len(unknowns.contacts)) != which)
-    for place in (contact[:2] - way, contact[:2] + way):
+    for place in _along(contact)[[0, 2]]:
         out = with_disc(out, place, strength, radius, pitch, moving)
     return out
 
 
 def clusters(contacts: np.ndarray, pitch: float) -> np.ndarray:
-    """(k,) number of the cluster of contacts near each other that each of `contacts` (k, 6), two at
-    least, is in."""
-    return fcluster(linkage(contacts[:, :2], "single"), CLOSE * pitch, "distance")
+    """(k,) number of the cluster of contacts near each other that each of `contacts` (k, 6) is in; of long ones
+    their ends count as well."""
+    places = np.array([_along(each) for each in contacts]).reshape(-1, 2)
+    apart = cdist(places, places).reshape(len(contacts), 3, len(contacts), 3).min(axis=(1, 3))
+    return connected_components(apart <= CLOSE * pitch, directed=False)[1]
+
+
+def _along(contact: np.ndarray) -> np.ndarray:
+    """(3, 2) m, both ends of a contact (6,) that is long, half a long axis from the middle, and that."""
+    long = float(np.hypot(*contact[STRETCH:]))
+    angle = np.arctan2(contact[SHEAR], contact[STRETCH]) / 2
+    way = (long > LONG) * np.exp(contact[RADIUS] + long) / 2
+    return contact[:2] + way * np.array([[-1], [0], [1]]) * [np.cos(angle), np.sin(angle)]
 
 
 def most_together(places: np.ndarray, pitch: float) -> int:
     """How many of `places` (k, 2), m, are in the largest cluster of such near each other."""
-    return int(np.bincount(clusters(places, pitch)).max()) if len(places) > 1 else len(places)
+    near = cdist(places, places) <= CLOSE * pitch
+    return (
+        int(np.bincount(connected_components(near, directed=False)[1]).max()) if len(places) else 0
+    )
 
 
 def clustered(unknowns: Unknowns, pitch: float) -> Unknowns:
@@ -179,7 +190,23 @@ def chosen(unknowns: Unknowns, keep: np.ndarray) -> Unknowns:
     """The same with only the contacts `keep` (mask or indices)."""
     across = tuple(np.array(unknowns.across, int)[keep].tolist())
     kept = unknowns.with_contacts(unknowns.contacts[keep], across, unknowns.free[keep])
-    return replace(kept, rates=unknowns.rates[keep], moving=unknowns.moving[keep])
+    kept = replace(kept, rates=unknowns.rates[keep], moving=unknowns.moving[keep])
+    if unknowns.bond is None:
+        return kept
+    cells = np.arange(len(unknowns.contacts))[keep]
+    cells = cells[cells >= unknowns.alone] - unknowns.alone
+    bond = np.linalg.inv(np.linalg.inv(unknowns.bond)[np.ix_(cells, cells)])
+    return replace(kept, bond=bond if len(cells) else None)
+
+
+def with_cells(discs: Unknowns, cells: Unknowns) -> Unknowns:
+    """`discs` and, behind them, the cells of a shape, on the sensor of these."""
+    both = cells.with_contacts(
+        np.vstack([discs.contacts, cells.contacts]),
+        (*discs.across, *cells.across),
+        np.vstack([discs.free, cells.free]),
+    )
+    return replace(both, bond=cells.bond)
 
 
 def as_known(unknowns: Unknowns, prior: Prior | Unknowns) -> Unknowns:

@@ -63,6 +63,11 @@ class Contacts:
         unknowns, self.promised, self.whole = self._core.step(damping)
         return Unknowns(**unknowns)
 
+    def after(self, step: np.ndarray) -> tuple[Unknowns, float]:
+        """Where a `step` (P,) leads, as much of it as one linearisation holds for, and how many times as long it is."""
+        unknowns, longer = self._core.after(step)
+        return Unknowns(**unknowns), longer
+
     @property
     def promise(self) -> float:
         return self._core.promise
@@ -81,7 +86,3 @@ class Linear(Contacts):
     def covariance(self) -> np.ndarray:
         """(F, F) of the contacts' free parameters."""
         return self._core.covariance()
-
-    def followed(self, unknowns: Unknowns, step: np.ndarray) -> Unknowns:
-        """`unknowns` with the sensor as it is after a `step` (F + J,) of contacts and sheet."""
-        return Unknowns(**self._core.followed(unknowns, step))

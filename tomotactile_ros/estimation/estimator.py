@@ -119,6 +119,8 @@ _WELL = 1.2
 # to 0.1 mm; sheets that are something else than cut otherwise would ask for it in every frame
 _RECUTS = 3
 _MORE = 1.2  # times as many rows are worth another fit
+# spacings: contacts of which all are wider lie where they do whatever a row or two say
+_WIDE = 1.0
 _CHANGING = 2.0  # chi-squared per reading from which on contacts may be moving
 # of the readings: at an end of the converter's range: nothing is told unless the others are
 # explained. With 400 N on a sheet of 200 mm, 0.69 of them are, and 1 of 5 frames said 263 ± 17 N;
@@ -167,6 +169,17 @@ _Looked = tuple[Estimate, tuple[float, int] | None]
 ByRows = Callable[[dict[int, str]], FollowedRows | None]
 
 
+class Joined(NamedTuple):
+    """Discs, parts that their cells are of, the contact that each disc and cell is part of, and as far as asked, what
+    the cost grows by without a contact, and what is not known of a disc that may be elsewhere."""
+
+    discs: np.ndarray
+    cells: np.ndarray
+    of: np.ndarray
+    lost: dict[int, float]
+    aside: dict[int, np.ndarray]
+
+
 @dataclass
 class State:
     """What lasts from frame to frame: where the last fit ended, its equations, and
@@ -182,9 +195,7 @@ class State:
     refused: float = 0.0  # what one more contact promised and did not keep
     needed: np.ndarray | None = None  # `Fit.needed` of the last fit
     fit: Fit | None = None  # of the last valid frame, for who follows rows from there on
-    # discs, the contact that each is part of, and as far as asked, what the cost grows by without it, and what is
-    # not known of a disc that may be elsewhere
-    joined: tuple[np.ndarray, np.ndarray, dict[int, float], dict[int, np.ndarray]] | None = None
+    joined: Joined | None = None
     noise: float = 0.0
     settling: Settling | None = None  # what readings keep of the row before, where they do
     # channels that contradicted the others in the last frame that was asked, or rows of another state did
@@ -326,10 +337,11 @@ class Estimator:
         driven = driven_channels(voltages, read, drive_voltage)
         given = voltages, grounded, drive_voltage
 
-        def under(covered: np.ndarray) -> tuple[_Looked, State] | None:
-            """What is seen with electrodes `covered`, or with those that are by it, and the state that leads to."""
+        def under(covered: np.ndarray, begun: State) -> tuple[_Looked, State] | None:
+            """What is seen with electrodes `covered`, or with those that are by it, and the state that leads to, from
+            where `begun` has contacts on."""
             while covered.any():
-                trial = replace(state, covered=covered)
+                trial = replace(begun, covered=covered)
                 seen = read & ~covered[grounded][:, None]
                 others = stuck_channels(without, seen, self.noise) & ~covered
                 found = self._look_without(*given, trial, asked, others, covered)
@@ -344,13 +356,16 @@ class Estimator:
         none = np.zeros_like(stuck)
         known = none if state.covered is None else state.covered
         covered = driven & (stuck | known)
-        seen = under(covered)
+        seen = under(covered, state)
         if seen is None:
             trial = replace(state, covered=None)
             seen = self._look_without(*given, trial, asked, stuck, none), trial
         more = driven & ~covered & self._meets_bare(seen[0][0], seen[1].fit)
         if more.any():
-            seen = under(covered | more) or seen
+            found, last = seen[0][0], replace(seen[1], needed=None)
+            radii = [each.radius for each in found.contacts]
+            wide = min(radii, default=0.0) > _WIDE * self.operator_of(last.used).pitch
+            seen = under(covered | more, last if wide else state) or seen
         found, last = seen
         state.become(last)
         return found
@@ -896,24 +911,27 @@ class Estimator:
         self, search: Search, fit: Fit, state: State
     ) -> tuple[list[Contact], list[Contact]]:
         """Contacts of a fit, strongest first, and the discs or cells that they consist of."""
-        if fit.unknowns.bond is not None:
-            return contacts_of_shape(fit, self.law)
-        contacts, known = fit.unknowns.contacts, state.joined
-        if known is None or not similar(contacts, known[0], fit.operator.pitch, SAME):
-            known = state.joined = contacts, groups(fit, search.allows), {}, {}
-        _, of, lost, aside = known
+        u, known = fit.unknowns, state.joined
+        discs, shaped = u.contacts[: u.alone], u.bond is not None
+        cells = search.parts(fit) if shaped else np.arange(u.alone)
+        same = known is not None and np.array_equal(cells, known.cells)
+        if known is None or not same or not similar(discs, known.discs, fit.operator.pitch, SAME):
+            of = groups(fit, search.allows, cells if shaped else None)
+            known = state.joined = Joined(discs, cells, of, {}, {})
+        if shaped:
+            return contacts_of_shape(fit, self.law, known.of)
 
         def needed(each: int) -> float:
-            if each not in lost:
-                lost[each] = search.lost_without(fit, of == each)
-            return lost[each]
+            if each not in known.lost:
+                known.lost[each] = search.lost_without(fit, known.of == each)
+            return known.lost[each]
 
         def elsewhere(which: int) -> np.ndarray:
-            if which not in aside:
-                aside[which] = search.elsewhere(fit, which)
-            return aside[which]
+            if which not in known.aside:
+                known.aside[which] = search.elsewhere(fit, which)
+            return known.aside[which]
 
-        parts, group = contacts_of(fit, of, self.law, needed, elsewhere)
+        parts, group = contacts_of(fit, known.of, self.law, needed, elsewhere)
         return joined(parts, group), parts
 
 

@@ -13,7 +13,6 @@ from tomotactile_ros.estimation.forward import Unknowns
 from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
-from tomotactile_ros.estimation.touch import CONDUCTANCE
 from tomotactile_ros.support.interrupt import check
 
 
@@ -84,17 +83,9 @@ class Fit:
         )
         return Fit(self.operator, unknowns, rows, prior, self.prediction if same else None)
 
-    def with_strengths(self, strengths: np.ndarray) -> Fit:
-        """A fit of the same rows by the same contacts at rest, which conduct `strengths` (k,), S."""
-        contacts = self.unknowns.contacts.copy()
-        contacts[:, CONDUCTANCE] = np.log(strengths)
-        return self.in_place(replace(self.unknowns, contacts=contacts))
-
-    def in_place(self, unknowns: Unknowns) -> Fit:
-        """The fit of the same rows at `unknowns` whose contacts rest and differ in their conductance
-        only."""
-        core = self.core.in_place(unknowns)
-        return Fit(self.operator, unknowns, self.rows, self.prior, core=core)
+    def at(self, unknowns: Unknowns) -> Fit:
+        """The fit of the same rows at other `unknowns`."""
+        return Fit(self.operator, unknowns, self.rows, self.prior, core=self.core.at(unknowns))
 
     @property
     def of_sensor(self) -> float:

@@ -39,8 +39,8 @@ class Unknowns:
         are estimated
     rates (k, 3) how fast x, y (m/s) and ln c (1/s) change; moving (k,) for which contacts they are
         estimated
-    bond (k, k) inverse covariance of the conductances c of contacts that are the cells of a shape
-        (`shape`), 1/S^2; None of discs
+    bond (m, m) inverse covariance of the conductances c of the last m contacts, which are cells
+        (`shape`), 1/S^2; None: there are none
     sheet (J,) coefficients of the field; gain (n,); offset (n,) in parts of V0; resistance (n,) R,
         ohm; aside (2, n) how far electrodes lie aside of where the layout has them, m
     """
@@ -92,6 +92,11 @@ class Unknowns:
             moving=np.append(self.moving, moving),
             bond=None,
         )
+
+    @property
+    def alone(self) -> int:
+        """Number of contacts that are no cells."""
+        return len(self.contacts) - (0 if self.bond is None else len(self.bond))
 
     def in_motion(self, moving: bool = True) -> Unknowns:
         """The same with all contacts free to move while rows are read, or none."""

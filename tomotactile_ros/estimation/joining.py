@@ -8,7 +8,7 @@ an estimate so large lies within the deviation, both are one. Where first order 
 narrow, all else is fitted anew beside the disc: neighbours that give way to it may leave no trace. Two
 long ones are no fingertips, but parts of something; they are two things only if the readings ask for
 one more contact, by the evidence that a contact needs anywhere. Discs that touch at some time are one
-anyway, and two alone were compared with one ellipse before.
+anyway, and two round ones alone were compared with one ellipse before.
 """
 
 from __future__ import annotations
@@ -18,10 +18,11 @@ from collections.abc import Callable
 import numpy as np
 from scipy.sparse.csgraph import connected_components
 
-from tomotactile_ros.estimation.arrangement import LONG
+from tomotactile_ros.estimation.arrangement import LONG, chosen, with_cells
 from tomotactile_ros.estimation.equations import Linear
 from tomotactile_ros.estimation.fit import Fit
 from tomotactile_ros.estimation.forward import Unknowns
+from tomotactile_ros.estimation.shape import columns
 from tomotactile_ros.estimation.touch import (
     CONDUCTANCE,
     PARAMETERS,
@@ -33,14 +34,21 @@ from tomotactile_ros.estimation.touch import (
 
 # of what two contacts reach towards each other: nearer ones are one; the ends of rectangles are where they are
 TOUCHING = 1.15
+# of what the harder of two presses: the other does no less if a disc and cells are one
+_SADDLE = 0.5
 _SURE = 3.0  # standard deviations: what lies within may be
 _FAINT = 1e-2  # of what would fill a gap: where the derivative is taken
 _NARROW = 0.5  # spacings: wider gaps, and those wider than the narrower disc, show to first order
 
 
-def groups(fit: Fit, allows: Callable[[Unknowns, Fit, bool], bool]) -> np.ndarray:
-    """(k,) number of the contact that each disc of a fit belongs to; `allows` says whether the
-    readings of a fit allow other contacts as well, or do not ask for one contact more than those."""
+def groups(
+    fit: Fit, allows: Callable[[Unknowns, Fit, bool], bool], known: np.ndarray | None = None
+) -> np.ndarray:
+    """(k,) number of the contact that each disc or cell of a fit belongs to; `allows` says whether the
+    readings of a fit allow other contacts as well, or do not ask for one contact more than those.
+
+    known : (k,) the same as far as it is known: of the cells
+    """
     contacts, bars = fit.unknowns.contacts, np.array(fit.unknowns.across) < 0
     if len(contacts) < 2:
         return np.zeros(len(contacts), int)
@@ -49,12 +57,23 @@ def groups(fit: Fit, allows: Callable[[Unknowns, Fit, bool], bool]) -> np.ndarra
     touching = _nearest(fit) < most + most.T
     reach = reach + reach.T
     gaps = _apart(contacts) - reach
-    near = np.argwhere(np.triu(~touching & (gaps < fit.operator.pitch), 1))
-    if len(contacts) > 2 and len(near):
+    beside = np.triu(gaps < fit.operator.pitch, 1)
+    if known is not None:
+        press = np.triu(_press(fit, known), 1)[: fit.unknowns.alone]
+        beside[fit.unknowns.alone :] = False
+        beside[: fit.unknowns.alone] &= press
+        touching &= beside | beside.T
+        touching |= known[:, None] == known
+    near = np.argwhere(~touching & beside)
+    if (
+        known is not None
+    ):  # of discs in the place of parts of a shape it was asked before whether they are one
+        near = _between(near[near[:, 1] >= fit.unknowns.alone], gaps, known)
+    long = np.hypot(*contacts[:, STRETCH:].T) > LONG
+    if (len(contacts) > 2 or long.any()) and len(near):
         may_be = _filled(fit, near)
         for i, j in near[may_be]:
             touching[i, j] = touching[j, i] = True
-        long = np.hypot(*contacts[:, STRETCH:].T) > LONG
         widths = 2 * np.exp(contacts[near, RADIUS].min(axis=1))
         most = np.minimum(_NARROW * fit.operator.pitch, widths)
         narrow = near[~may_be & (gaps[tuple(near.T)] < most)]
@@ -66,6 +85,22 @@ def groups(fit: Fit, allows: Callable[[Unknowns, Fit, bool], bool]) -> np.ndarra
             if allows(filled, fit, bool(long[i] and long[j])):
                 touching[i, j] = touching[j, i] = True
     return connected_components(touching, directed=False)[1]
+
+
+def _press(fit: Fit, known: np.ndarray) -> np.ndarray:
+    """(k, k) whether the second presses, for its area, half as hard as the first and the hardest of its contact: cells
+    that do not are no part of the gap's side."""
+    contacts = fit.unknowns.contacts
+    density = contacts[:, CONDUCTANCE] - 2 * contacts[:, RADIUS]
+    hardest = np.array([density[known == each].max() for each in known])
+    return density > np.log(_SADDLE) + np.minimum(density[:, None], hardest)
+
+
+def _between(pairs: np.ndarray, gaps: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Of `pairs` (m, 2) the nearest of each contact and each disc."""
+    pairs = pairs[np.argsort(gaps[tuple(pairs.T)])]
+    sides = np.column_stack([pairs[:, 0], known[pairs[:, 1]]])
+    return pairs[np.unique(sides, axis=0, return_index=True)[1]]
 
 
 def _apart(contacts: np.ndarray) -> np.ndarray:
@@ -98,7 +133,7 @@ def _nearest(fit: Fit) -> np.ndarray:
 
 
 def _with_fillings(fit: Fit, pairs: np.ndarray, part: float = 1.0) -> Unknowns:
-    """The contacts of a fit and behind them fixed ones that fill the gaps between the discs `pairs`
+    """The contacts of a fit and behind its discs fixed ones that fill the gaps between the discs `pairs`
     (m, 2), no wider than the narrower of both, and conduct `part` of what these do for their
     area."""
     u, pitch = fit.unknowns, fit.operator.pitch
@@ -117,19 +152,19 @@ def _with_fillings(fit: Fit, pairs: np.ndarray, part: float = 1.0) -> Unknowns:
     added = np.zeros((len(pairs), PARAMETERS))
     added[:, :2], added[:, RADIUS] = places, np.log(widths)
     added[:, CONDUCTANCE] = np.log(part * filling)
-    return u.with_contacts(
-        np.vstack([u.contacts, added]),
-        (*u.across, *(patches_for(width, pitch) for width in widths)),
-        np.vstack([u.free, np.zeros(added.shape, bool)]),
-    )
+    across = [patches_for(width, pitch) for width in widths]
+    fillings = u.with_contacts(added, across, np.zeros(added.shape, bool))
+    order = np.arange(len(u.contacts))
+    discs = with_cells(chosen(u, order < u.alone), fillings)
+    return with_cells(discs, chosen(u, order >= u.alone))
 
 
 def _filled(fit: Fit, pairs: np.ndarray) -> np.ndarray:
     """(m,) whether something may press between the discs `pairs` (m, 2), to first order."""
-    tried = _with_fillings(fit, pairs, _FAINT)
-    tried.free[-len(pairs) :, CONDUCTANCE] = True
-    linear = Linear(Fit(fit.operator, tried, fit.rows, fit.prior))
-    last = np.arange(linear.free - len(pairs), linear.free)
+    tried, alone = _with_fillings(fit, pairs, _FAINT), fit.unknowns.alone
+    tried.free[alone : alone + len(pairs), CONDUCTANCE] = True
+    there = Fit(fit.operator, tried, fit.rows, fit.prior)
+    linear, last = Linear(there), columns(there)[alone : alone + len(pairs)]
     rest = np.delete(np.arange(len(linear.normal)), last)
     mixed = linear.normal[np.ix_(rest, last)]
     back = np.linalg.solve(linear.normal[np.ix_(rest, rest)], mixed)

@@ -101,6 +101,7 @@ def contacts_of(
     law: ContactLaw,
     needed: Callable[[int], float],
     elsewhere: Callable[[int], np.ndarray],
+    discs: int | None = None,
 ) -> tuple[list[Contact], np.ndarray]:
     """The discs of a fit that are certain, strongest first, and of `group` (k,), the contact that each
     disc belongs to, what is theirs.
@@ -109,8 +110,9 @@ def contacts_of(
         not make one certain: how well one conducts that covers an electrode no reading tells, yet all tell
         that it is there
     elsewhere : (2, 2) m², second moment of the other places where a disc may as well be
+    discs : only of so many of the first contacts
     """
-    if not len(fit.unknowns.contacts):
+    if not len(fit.unknowns.contacts[:discs]):
         return [], np.empty(0, int)
     # what is wrong with D of each contact bends all that is fitted
     bent = IMPEDANCE_FLOOR * fit.equations.by_ways
@@ -118,7 +120,7 @@ def contacts_of(
     certainties = _certainties(fit, covariance, group)
     for each in np.unique(group[certainties < _CERTAIN**2]):
         certainties[group == each] = np.maximum(certainties[group == each], needed(int(each)))
-    which = np.flatnonzero(certainties >= _LIKELY**2)
+    which = np.flatnonzero(certainties[:discs] >= _LIKELY**2)
     floor = place_floor(fit, fit.equations.unevenness(fit))
     found = [
         _contact(fit, int(i), covariance, bent, certainties[i], law, floor, elsewhere(int(i)))

@@ -15,18 +15,22 @@ from tomotactile_ros.estimation.reported import (
     IMPEDANCE_FLOOR,
     MOST_RELATIVE,
     Contact,
+    contacts_of,
     crowded,
     four,
+    joined,
     place_floor,
     told,
 )
-from tomotactile_ros.estimation.shape import certainty, groups
+from tomotactile_ros.estimation.shape import certainty, columns
 from tomotactile_ros.estimation.touch import RADIUS
 from tomotactile_ros.scenes.contact import ContactLaw
 
 # what cells err at the rim of a contact, in parts of side over radius: of a side in places, of a force;
 # standard deviations
 CELL_PLACE, CELL_FORCE = 0.1, 0.15
+# the same of places of discs beside cells: fingertips beside a palm were off by 0.3 mm rms for cells of 6 mm
+BESIDE = 0.03
 # standard deviations of what it conducts: below, it is not known that something presses
 _CERTAIN = 3.0
 _MOSTLY_BARE = 0.1  # of the force: carried by bare conductors, it is known from below only
@@ -35,15 +39,24 @@ _MOSTLY_BARE = 0.1  # of the force: carried by bare conductors, it is known from
 _WEAK = 0.05
 
 
-def contacts_of_shape(fit: Fit, law: ContactLaw) -> tuple[list[Contact], list[Contact]]:
-    """Contacts, strongest first, and the cells that they consist of, as discs."""
-    cells = _Cells(fit, law)
-    group = groups(fit, following=True)
-    found = [cells.together(np.flatnonzero(group == each)) for each in np.unique(group)]
-    most = max(contact.force for contact, _ in found)
-    kept = [each for each in found if each[0].force > _WEAK * most and each[0].probability > 0]
-    contacts = sorted((contact for contact, _ in kept), key=lambda each: -each.force)
-    return contacts, [cells.alone(i) for _, which in kept for i in which]
+def contacts_of_shape(
+    fit: Fit, law: ContactLaw, group: np.ndarray
+) -> tuple[list[Contact], list[Contact]]:
+    """Contacts, strongest first, and the discs and cells that they consist of, as discs; `group` (k,) the contact that
+    each disc and cell is part of."""
+    cells, alone = _Cells(fit, law), fit.unknowns.alone
+    aside = np.diag([(BESIDE * cells.side) ** 2] * 2 + [0.0])
+    discs, of = contacts_of(fit, group, law, lambda _: 0.0, lambda _: aside, alone)
+    shapes = [
+        (each, *cells.together(np.flatnonzero(group[alone:] == each)))
+        for each in np.unique(group[alone:])
+    ]
+    most = max(contact.force for _, contact, _ in shapes)
+    kept = [each for each in shapes if each[1].force > _WEAK * most and each[1].probability > 0]
+    contacts = joined(
+        [*discs, *(contact for _, contact, _ in kept)], np.append(of, [each for each, _, _ in kept])
+    )
+    return contacts, [*discs, *(cells.alone(i) for _, _, which in kept for i in which)]
 
 
 class _Cells:
@@ -51,22 +64,23 @@ class _Cells:
 
     def __init__(self, fit: Fit, law: ContactLaw):
         self._fit, u, prediction = fit, fit.unknowns, fit.prediction
-        count = len(u.contacts)
+        cells = self._which = np.arange(u.alone, len(u.contacts))
+        self._at = columns(fit)[cells]
+        self.side = float(np.exp(u.contacts[-1, RADIUS]) * np.sqrt(np.pi))
         self._sheet, self._exponent = fit.operator.resistance, law.exponent
-        self._area = np.pi * np.exp(2 * u.contacts[:, RADIUS]) * prediction.covered
-        most = [
-            told(g, mean, self._sheet) for g, mean in zip(prediction.conductances, prediction.means)
-        ]
-        self._conductances = np.array([g for g, _ in most]) * prediction.covered
+        covered = prediction.covered[cells]
+        self._area = np.pi * np.exp(2 * u.contacts[cells, RADIUS]) * covered
+        most = [told(prediction.conductances[i], prediction.means[i], self._sheet) for i in cells]
+        self._conductances = np.array([g for g, _ in most]) * covered
         self._bare = np.array([bare for _, bare in most])
         self._pressures = np.asarray(law.pressure(self._conductances / self._area))
         self.forces = self._pressures * self._area
-        self._places = np.array([prediction.touches.centre(i) for i in range(count)])
-        self._slopes = self.forces * prediction.force_by_strength(law.exponent)
-        by_ways = [prediction.force_by_impedance(i, law.exponent) for i in range(count)]
+        self._places = np.array([prediction.touches.centre(i) for i in cells])
+        self._slopes = self.forces * prediction.force_by_strength(law.exponent)[cells]
+        by_ways = [prediction.force_by_impedance(i, law.exponent) for i in cells]
         self._by_ways = self.forces * np.array(by_ways)
-        self._covariance = fit.covariance[:count, :count] * fit.doubt
-        self._ways = prediction.way_columns()
+        self._covariance = fit.covariance[np.ix_(self._at, self._at)] * fit.doubt
+        self._ways = prediction.way_columns()[cells]
         self._uneven = fit.equations.unevenness(fit)
 
     def together(self, which: np.ndarray) -> tuple[Contact, np.ndarray]:
@@ -84,13 +98,13 @@ class _Cells:
         slopes[1:, which] = (self._slopes[which][:, None] * aside).T
         # what is wrong with D of all its cells alike bends all that is fitted
         bent = fit.equations.response(self._ways[which].sum(axis=0)[None])[:, 0]
-        bent = IMPEDANCE_FLOOR * bent[: len(self.forces)]
+        bent = IMPEDANCE_FLOOR * bent[self._at]
         covariance = self._covariance + np.outer(bent, bent)
         spread = slopes @ covariance @ slopes.T
         ways = slopes[0] @ bent - IMPEDANCE_FLOOR * self._by_ways[which].sum()
         noise = slopes[0] @ self._covariance @ slopes[0] + ways**2
         conductance = float(self._conductances[which].sum())
-        side = float(np.exp(fit.unknowns.contacts[which[0], RADIUS]) * np.sqrt(np.pi))
+        side = self.side
         coarse = side / float(np.sqrt(area / np.pi))
         unknown = FORCE_FLOOR**2 + crowded(conductance, self._sheet) ** 2
         unknown += (CELL_FORCE * coarse) ** 2
@@ -124,8 +138,8 @@ class _Cells:
     def _mean(self, which: np.ndarray) -> float:
         """Mean D of what the cells `which` conduct together, ohm."""
         touches = self._fit.prediction.touches
-        conductances = np.zeros(len(self.forces))
-        conductances[which] = self._conductances[which]
+        conductances = np.zeros(len(self._fit.unknowns.contacts))
+        conductances[self._which[which]] = self._conductances[which]
         share = conductances[touches.owner] * touches.weight
         share /= max(float(share.sum()), 1e-300)
         return float(share @ touches.impedance @ share)

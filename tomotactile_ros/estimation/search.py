@@ -10,10 +10,13 @@ grows with the excess of chi-squared for each electrode (`Fit.doubt`).
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Protocol
 
 import numpy as np
+from scipy.spatial.distance import cdist
 from scipy.special import chdtri
 
 from tomotactile_ros.estimation.arrangement import (
@@ -29,6 +32,7 @@ from tomotactile_ros.estimation.arrangement import (
     one_of,
     overlaps,
     resting,
+    with_cells,
 )
 from tomotactile_ros.estimation.detection import Detector
 from tomotactile_ros.estimation.equations import SAME, Contacts, Equations, Linear, similar
@@ -36,6 +40,7 @@ from tomotactile_ros.estimation.first_look import FirstLook
 from tomotactile_ros.estimation.fit import Fit
 from tomotactile_ros.estimation.fits import DYNAMIC, MISFIT, SIZES, Fits
 from tomotactile_ros.estimation.forward import RATED, Unknowns
+from tomotactile_ros.estimation.joining import groups as joined
 from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.one_state import (
     ROUNDS,
@@ -49,7 +54,15 @@ from tomotactile_ros.estimation.one_state import (
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.reported import told
-from tomotactile_ros.estimation.shape import Shapes, at_rest, explains, groups, occam, whole
+from tomotactile_ros.estimation.shape import (
+    Shapes,
+    at_rest,
+    explains,
+    from_cells,
+    groups,
+    occam,
+    whole,
+)
 from tomotactile_ros.estimation.solver import STEPS, solve
 from tomotactile_ros.estimation.touch import (
     CONDUCTANCE,
@@ -72,9 +85,9 @@ _CONTINUED = 0.2  # spacings that a contact may be from where it was expected
 # chi-squared per reading that such a disc leaves at most with the sensor as expected, if it is of the right
 # size: 1.0 to 1.3, of a wrong one 1.7 and more
 _NEAR = 1.5
-# spacings: radius: a single smaller disc is always fitted beside a shape, which takes less time
-# than the shape
-_DEAR = 0.5
+# spacings: radius of a part of a shape that a disc may stand for: fingertips are 6 to 8 mm, and cells
+# make them 2 mm wider
+_SMALL = 0.6
 _NEW = 1.5  # times what one more contact promised before, it must promise to be tried again
 # of what noise does not explain: what one step from the last frame's contacts does if they are still
 # there
@@ -83,9 +96,9 @@ _PARTLY = 0.1  # of the cost: what another form of contacts promises, worth a tr
 # discs: beside each other that may be fingertips, where one contact explains as much; a disc of 30
 # mm as six of them took 2.6 s instead of 0.1
 _FEW = 3
-# pixels: up to which discs are fitted beside a shape: palms show 10 and more, six fingertips on
-# `equal-4x4` 8; all would take three times the time
-_SEVERAL = 8
+# readings times parts about a spacing wide: so few are tried as discs beside a shape whatever it explains, which takes
+# some milliseconds: five fingertips on 16 electrodes are 1,200
+_CHEAP = 5000
 _EXCLUDED = 9.0  # of the cost, three standard deviations: what costs more is not there
 _POOR = 1.25  # chi-squared per reading of a fit that more contacts are sure to be better than
 # of what is left beyond the shape: after one whole step from discs, the best fit of them leaves so
@@ -146,7 +159,8 @@ class Search(Fits):
         self._asked: tuple[Fit, tuple] | None = None  # that of `_next`
         self._led: tuple[Fit, bool] | None = None  # the last answer of `_leads_on`
         self._cells: tuple[FirstLook, Fit | None] | None = None  # that of `_in_cells`
-        self._finished: tuple[Fit, Fit | None] | None = None  # that of `_whole`
+        # that of `_whole`, and where it began
+        self._finished: tuple[Fit, Fit, Fit | None] | None = None
 
     def contacts(
         self,
@@ -340,12 +354,19 @@ class Search(Fits):
         more = None if fit.unknowns.bond is not None else self._one_more(fit)
         return fit if more is None else self._simplified(more)
 
+    def parts(self, fit: Fit) -> np.ndarray:
+        """(k,) `groups` of a fit of a shape, told apart as contacts are anywhere."""
+        return groups(fit, self._threshold * fit.doubt, following=True)
+
     def allows(self, contacts: Unknowns, fit: Fit, fewer: bool) -> bool:
         """Whether the readings of a fit allow other contacts as well, all that is free fitted anew;
         `fewer` : or do not ask for one contact more than those."""
         limit = fit.cost + (self._threshold if fewer else _EXCLUDED) * fit.doubt
         # to the end: neighbours give way slowly
-        found = solve(self.operator, self._coarse(contacts), fit.rows, fit.prior, most=BUDGET)
+        start = Fit(self.operator, self._coarse(contacts), fit.rows, fit.prior)
+        if contacts.bond is not None:
+            return from_cells(start, fit.equations).cost < limit
+        found = solve(self.operator, start.unknowns, fit.rows, fit.prior, at=start, most=BUDGET)
         return found.cost < limit
 
     def lost_without(self, fit: Fit, which: np.ndarray) -> float:
@@ -449,7 +470,7 @@ class Search(Fits):
         for factor in sorted(SIZES, key=lambda factor: abs(np.log(factor))):
             seen = self._as_discs(points, like, factor)
             tried = self._approached(self._begun(seen, like, len(seen.contacts)))
-            if self._together(points) > 2:
+            if len(points) > _FEW:
                 return tried
             contacts, pitch = tried.unknowns.contacts, self.operator.pitch
             if not any(similar(contacts, each.unknowns.contacts, pitch) for each in found):
@@ -475,18 +496,7 @@ class Search(Fits):
         first = start.fit
         if first.unknowns.bond is None:
             return self._as_few(first, start.look, fit)
-        found, seen = self._as_shape(first, fit, start.discs), start.look.contacts()
-        several = len(seen) > _SEVERAL
-        sure = found is None or several or _is_round(found) or _is_wide(found, len(seen))
-        if found is not None and sure and found.chi_squared < _POOR * found.rows.count:
-            return found
-        wide = self._looks_wide(self._as_discs(seen, fit), fit)
-        discs = self._likelier(start.discs, wide, near=True)
-        discs = self._as_few(discs, start.look, fit, False)
-        if found is not None and found.unknowns.bond is None:
-            return self._likelier(found, discs)
-        shape = self._whole(first)
-        return shape if shape is not None and self._is_likelier(shape, discs, first) else discs
+        return self._as_shape(first, fit, start)
 
     def _as_few(self, first: Fit, look: FirstLook, rest: Fit, shapes: bool = True) -> Fit:
         """The likeliest fit from `first` on, also in other numbers and forms if contacts fall short; a
@@ -544,58 +554,131 @@ class Search(Fits):
             self._cells = look, self.shapes.fitted(look, rest, channels)
         return self._cells[1]
 
-    def _as_shape(self, shape: Fit, rest: Fit, discs: Fit | None) -> Fit | None:
-        """What cells alone explain nearly: discs and ellipses in the place of the parts of a `shape`, or
-        what likelier `discs` lead to, or itself; None where neither is sure."""
-        parts = self._split(self._parts(shape, rest), self._near)
+    def _as_shape(self, cells: Fit, rest: Fit, start: Start) -> Fit:
+        """The likeliest of what `cells` alone explain nearly: discs and ellipses in the place of all parts, or what
+        `start` has beside them, if these explain the readings, or themselves, with the sensor and with discs in the
+        place of small parts."""
+        seen, discs, shape = start.look.contacts(), start.discs, None
+        if discs is None and len(seen) * rest.rows.count < _CHEAP:
+            discs = self._near(self._as_discs(seen, rest), rest)
+        parts = self._split(self._parts(cells, rest), self._near)
         parts = self._likelier(discs, parts, near=True)
-        contacts = parts.unknowns.contacts
-        dear = len(contacts) > 1 or np.exp(contacts[0, RADIUS]) > _DEAR * self.operator.pitch
-        if dear and self._outdoes(shape, parts):
-            return self._whole(shape)
+        left = self._after_a_step(parts)
+        if left > _POOR * parts.rows.count or len(parts.unknowns.contacts) > _FEW:
+            shape = self._whole(cells)
+            if shape is not None and shape.chi_squared < _NEAR * shape.rows.count:
+                least = _least_after(left, shape)
+                if self._has_more_evidence(shape, least, parts.unknowns.free):
+                    return shape
         found = self._simplified(self._solve(parts.unknowns, parts))
         if self._falls_short(found):
             found = self._split(found, self._solve)
-        if self._falls_short(found) and self.across > BOUNDED:
-            # with fewer patches the way there is another one
-            rough = self._roughly(shape, rest)
-            found = self._likelier(found, self._simplified(self._solve(rough.unknowns, rough)))
-        return self._shape_or(shape, found)
+            for which in range(len(found.unknowns.contacts)):
+                found = self._other_sizes(found, which)
+        if shape is not None:
+            if self._is_likelier(shape, found) or self._is_part_of(found, shape):
+                return shape
+            return found
+        either = self._shape_or(cells, found)
+        if either is not None:
+            return either
+        wide = self._looks_wide(self._as_discs(seen, rest), rest)
+        return self._likelier(found, self._as_few(wide, start.look, rest, False))
 
-    def _shape_or(self, shape: Fit, found: Fit) -> Fit | None:
-        """Of a shape and discs `found` what is likelier; None where the shape is unlikely, and the discs fall
+    def _is_part_of(self, found: Fit, shape: Fit) -> bool:
+        """Whether discs that were `found` are joined to one thing or more, which a `shape` explains: they are no better
+        than that."""
+        if shape.chi_squared > _NEAR * shape.rows.count:
+            return False
+        return joined(found, self.allows).max() + 1 < len(found.unknowns.contacts)
+
+    def _shape_or(self, cells: Fit, found: Fit) -> Fit | None:
+        """Of cells and discs `found` what is likelier; None where the former are unlikely, and the discs fall
         short."""
         if not self._falls_short(found):
             return found
-        whole = self._whole(shape)
-        if whole is None:
+        shape = self._whole(cells)
+        if shape is None:
             return None
-        return whole if self._is_likelier(whole, found, shape) else found
+        return shape if self._is_likelier(shape, found) else found
 
     def _whole(self, cells: Fit) -> Fit | None:
-        """The best fit of `cells` and the sensor, None where that is unlikely, as what cells leave over is no
-        small part of nearly any readings, or some are bare: of how bare ones share a contact, readings tell
-        nothing."""
+        """The best fit of `cells` and the sensor, discs in the place of small parts; None where that is unlikely, as
+        what cells leave over is no small part of nearly any readings, or some are bare: of how bare ones share a
+        contact, readings tell nothing."""
         if self._finished is None or self._finished[0] is not cells:
-            shape = whole(cells, self._threshold)
+            begun, shape = self._with_parts(cells)
             apart = shape.prior.apart(shape.unknowns) / np.sqrt(shape.doubt)
             found = zip(shape.prediction.conductances, shape.prediction.means)
-            bare = any(told(g, mean, self.operator.resistance)[1] for g, mean in found)
-            good = not bare and _is_likely(apart, shape.prior)
-            self._finished = cells, shape if good else None
-        return self._finished[1]
+            conduct = [told(g, mean, self.operator.resistance)[1] for g, mean in found]
+            good = shape.unknowns.bond is not None and not any(conduct[shape.unknowns.alone :])
+            good = good and _is_likely(apart, shape.prior)
+            self._finished = cells, begun, shape if good else None
+        return self._finished[2]
 
-    def _outdoes(self, cells: Fit, parts: Fit) -> bool:
-        """Whether a shape that leaves nothing over is likelier than the best fit from `parts` on can be, to
-        first order: it takes long to find."""
-        left = self._after_a_step(parts)
-        if left < _POOR * parts.rows.count:
-            return False
-        shape = self._whole(cells)
-        if shape is None or shape.chi_squared > LEFT_OVER * shape.rows.count:
-            return False
-        least = _least_after(left, shape)
-        return self._has_more_evidence(shape, cells, least, parts.unknowns.free, shape.doubt)
+    def _with_parts(self, cells: Fit) -> tuple[Fit, Fit]:
+        """Where the best fit of `cells` begins, the sensor as it is there and discs in the place of some parts, and that
+        fit."""
+        begun = self._with_discs(cells, cells)
+        shape = whole(begun, self._threshold)
+        if shape.chi_squared > cells.chi_squared:  # where the sensor was held: discs led nowhere
+            begun, shape = cells, whole(cells, self._threshold)
+        # parts that show once the sensor is free
+        while (again := self._with_discs(begun, shape)) is not begun:
+            begun, shape = again, whole(again, self._threshold)
+        while shape.unknowns.bond is not None:
+            tries = [begun, *self._of_long(begun, shape)]
+            best = min(tries, key=partial(self._evidence_of, shape.doubt))
+            if best is begun:
+                break
+            begun, shape = best, whole(best, self._threshold)
+        return begun, shape
+
+    def _with_discs(self, begun: Fit, found: Fit) -> Fit:
+        """`begun` with a disc in the place of each part of what was `found` from there that is small; itself if none
+        is."""
+        small = [each for each in self._parts_of(found) if not each[1].free[-1, STRETCH]]
+        return self._replaced(begun, found, small) if small else begun
+
+    def _of_long(self, begun: Fit, found: Fit) -> Iterator[Fit]:
+        """The same with an ellipse or two discs in the place of one part that is long."""
+        for which, one in self._parts_of(found):
+            two = halved(one, 0, found.prior.radius, self.operator.pitch)
+            if two is None:
+                continue
+            for each in (one, two):
+                tried = self._replaced(begun, found, [(which, each)])
+                discs = tried.unknowns.contacts[: tried.unknowns.alone]
+                if not overlaps(discs, len(discs) - 1):
+                    yield tried
+
+    def _parts_of(self, cells: Fit) -> list[tuple[np.ndarray, Unknowns]]:
+        """Which cells are a part (k,) bool that is narrow, and a disc or an ellipse in the place of it, alone."""
+        u, out = cells.unknowns, []
+        if u.bond is None:
+            return out
+        group = groups(cells, _left(cells) * self._threshold)
+        sums = np.bincount(group, np.exp(u.contacts[:, CONDUCTANCE]))
+        for each in np.unique(group[u.alone :]):
+            one = one_of(u, group == each, chosen(u, []), self.operator.pitch)
+            width = np.exp(one.contacts[0, RADIUS] - np.hypot(*one.contacts[0, STRETCH:]))
+            if sums[each] > DYNAMIC * sums.max() and width < _SMALL * self.operator.pitch:
+                out.append((group == each, one))
+        return out
+
+    def _replaced(self, begun: Fit, found: Fit, parts: list[tuple[np.ndarray, Unknowns]]) -> Fit:
+        """Near the best fit with contacts in the place of `parts` of what was `found`, and the other cells that it had
+        `begun` with."""
+        cells, u = begun.unknowns, found.unknowns
+        nearest = cdist(cells.contacts[:, :2], u.contacts[u.alone :, :2]).argmin(axis=1)
+        kept = ~np.any([which[u.alone :] for which, _ in parts], axis=0)[nearest]
+        kept[: cells.alone] = False
+        both = chosen(u, np.arange(u.alone))
+        for _, part in parts:
+            both = with_cells(both, part)
+        both = with_cells(both, chosen(cells, kept))
+        tried = Fit(self.operator, both, begun.rows, begun.prior)
+        return from_cells(tried) if kept.any() else self._approached(tried)
 
     def reciprocity(self, rows: Rows, prior: Prior) -> Reciprocity:
         """How far rows obey it."""
@@ -758,25 +841,8 @@ class Search(Fits):
         return found if likely and not self._falls_short(found) else None
 
     def _parts(self, shape: Fit, like: Fit) -> Fit:
-        """Near the best fit of one disc or ellipse for each part of a shape, as many as may be or as
-        must be."""
-        most, least = groups(shape, 1.0), groups(shape)
-        found = self._parts_of(shape, most, like)
-        if least.max() < most.max():
-            found = self._likelier(found, self._parts_of(shape, least, like), near=True)
-        return found
-
-    def _roughly(self, shape: Fit, like: Fit) -> Fit:
-        """`_parts` with few patches to the width of each."""
-        fine, self.across = self.across, BOUNDED
-        try:
-            return self._parts(shape, like)
-        finally:
-            self.across = fine
-
-    def _parts_of(self, shape: Fit, group: np.ndarray, like: Fit) -> Fit:
-        """The same for cells that are parts of the contacts `group` (k,)."""
-        u = shape.unknowns
+        """Near the best fit of one disc or ellipse for each part of a shape."""
+        group, u = groups(shape, _left(shape) * self._threshold), shape.unknowns
         strengths = np.exp(u.contacts[:, CONDUCTANCE])
         sums = np.bincount(group, strengths)
         strong = np.flatnonzero(sums > DYNAMIC * sums.max())
@@ -785,31 +851,43 @@ class Search(Fits):
             found = one_of(u, group == each, found, self.operator.pitch)
         return self._approached(self._begun(found, like, len(found.contacts)))
 
-    def _is_likelier(self, shape: Fit, found: Fit, cells: Fit) -> bool:
-        """Whether the evidence is for a shape, found among `cells` that might conduct, rather than for
-        what was found; what would be withheld is none."""
+    def _is_likelier(self, shape: Fit, found: Fit) -> bool:
+        """Whether the evidence is for a `shape`, the last one of `_whole`, rather than for what was found; what would
+        be withheld is none."""
         suspect = SUSPECT * found.rows.count
         if shape.chi_squared < suspect < found.chi_squared:
             return True
-        cost, doubt = found.chi_squared + found.of_sensor, min(shape.doubt, found.doubt)
-        return self._has_more_evidence(shape, cells, cost, found.unknowns.free, doubt)
+        return self._has_more_evidence(
+            shape, found.chi_squared + found.of_sensor, found.unknowns.free
+        )
 
-    def _has_more_evidence(
-        self, shape: Fit, cells: Fit, cost: float, free: np.ndarray, doubt: float
-    ) -> bool:
-        """Whether a shape, found among `cells`, has more evidence than discs of a `cost` with as many
-        parameters `free` (k, 6); `doubt` : in both."""
+    def _has_more_evidence(self, shape: Fit, cost: float, free: np.ndarray) -> bool:
+        """Whether a `shape`, the last one of `_whole`, has more evidence than discs of a `cost` with as many
+        parameters `free` (k, 6)."""
+        assert self._finished is not None
+        excess = min(cost, shape.chi_squared) - shape.rows.count
+        doubt = 1.0 + max(excess, 0.0) / self.operator.count
         discs = cost / doubt + self._threshold * np.count_nonzero(free) / _FORM
-        return bool(shape.cost / doubt + occam(cells, doubt) < discs)
+        return self._evidence(shape, self._finished[1], doubt) < discs
+
+    def _evidence(self, shape: Fit, begun: Fit, doubt: float) -> float:
+        """Minus twice the logarithm of the evidence for a `shape`, doubted, found from where it had `begun`."""
+        alone = np.count_nonzero(shape.unknowns.free[: shape.unknowns.alone])
+        return shape.cost / doubt + occam(begun, doubt) + self._threshold * alone / _FORM
+
+    def _evidence_of(self, doubt: float, begun: Fit) -> float:
+        return self._evidence(begun, begun, doubt)
 
     def _is_near(self, fit: Fit) -> bool:
         """Whether a fit of contacts alone, found as points, is one to begin with: it explains the
         readings, or contacts near its own would with a likely sensor, to first order. Three near
         each other may be parts of something long or wide, whatever they explain."""
-        if fit.chi_squared < MISFIT * fit.rows.count:
-            return True
         contacts = fit.unknowns.contacts
         most = most_together(contacts[:, :2], self.operator.pitch)
+        if most > _FEW:
+            return False
+        if fit.chi_squared < MISFIT * fit.rows.count:
+            return True
         if most != 2 and len(contacts) > 1:
             return most == 1
         return self._after_a_step(fit) < LEFT_OVER * fit.rows.count
@@ -926,20 +1004,15 @@ def _is_long(fit: Fit) -> np.ndarray:
     return np.hypot(*fit.unknowns.contacts[:, STRETCH:].T) > LONG
 
 
-def _is_round(fit: Fit) -> bool:
-    """Whether a fit is of contacts of which none is long."""
-    return fit.unknowns.bond is None and not _is_long(fit).any()
+def _left(fit: Fit) -> float:
+    """What a fit leaves over in parts of noise: so much less sure is what it says of parts."""
+    return max(fit.chi_squared / fit.rows.count, 1.0)
 
 
 def _least_after(left: float, fit: Fit) -> float:
-    """The least cost of other contacts, of which one step leads to `left`, beside a fit."""
-    return fit.chi_squared + _AT_LEAST * (left - fit.chi_squared)
-
-
-def _is_wide(fit: Fit, seen: int) -> bool:
-    """Whether a fit is of a shape that is one contact, of which three or more parts about a spacing wide are
-    seen."""
-    return fit.unknowns.bond is not None and seen >= 3 and not groups(fit).any()
+    """The least cost of other contacts, of which one step leads to `left`, beside a fit: no less than noise."""
+    least = min(left, fit.chi_squared + _AT_LEAST * (left - fit.chi_squared))
+    return max(least, min(fit.chi_squared, float(fit.rows.count)))
 
 
 def _cost(fit: Fit) -> float:

@@ -9,7 +9,8 @@ a linear image within ten steps. Sheet and channels are then fitted as well, as 
 (`equations`).
 
 What is one contact follows from the posterior: two peaks are two contacts where the readings say that
-less than half of the lower one presses on every way between them.
+less than half of the lower one presses on every way between them. Discs may stand for small parts of it
+(`Search`): fingertips beside a palm. They are the first contacts of a fit, cells the last ones.
 """
 
 from __future__ import annotations
@@ -22,12 +23,14 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.spatial.distance import cdist
 
 from tomotactile_ros.core import compiled
+from tomotactile_ros.estimation.arrangement import chosen
 from tomotactile_ros.estimation.equations import Contacts, Equations, Linear, contact_priors
 from tomotactile_ros.estimation.first_look import FirstLook
 from tomotactile_ros.estimation.fit import Fit
 from tomotactile_ros.estimation.forward import Unknowns
 from tomotactile_ros.estimation.one_state import Channels
 from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.solver import solve
 from tomotactile_ros.estimation.touch import CONDUCTANCE, PARAMETERS, RADIUS
 from tomotactile_ros.layouts.grid import Grid
 
@@ -56,11 +59,6 @@ _POOR = 1.05
 _SETTLED = 1.0  # of the cost: a step that gains less is the last
 _ROUNDING = 1e-10  # of the diagonal of the normal matrix of a step
 _SADDLE = 0.5  # of the lower of two peaks: what presses at least between parts of one contact
-# deviations: what costs more is not there, the sensor held: parts that a search begins with
-_SURE = 3.0
-# deviations: the same with the sensor free: what is reported as one contact. With 3, fingers beside
-# a palm were joined with it in 2 of 6 hands
-_REGION = 2.0
 _ABOVE = 1e-3  # of the strongest: cells that conduct more are not at their bound
 
 
@@ -133,6 +131,8 @@ def whole(fit: Fit, threshold: float, known: Equations | None = None) -> Fit:
     """The best fit of the cells of `fit` that conduct, with its covariance; of sheet and channels as well
     where the cells alone leave more over than noise does. Without parts that cost, doubted, no more than
     `threshold` if they are not there (Wald 1943), but for the strongest. `known` : of a shape like it."""
+    if fit.unknowns.bond is None:
+        return solve(fit.operator, fit.unknowns, fit.rows, fit.prior, known=known, at=fit)
     linearised = _Linearised(known)
     conducting = _of_those_that_conduct(fit)
     found = _with_sensor(conducting, linearised)
@@ -168,19 +168,19 @@ class _Linearised:
 
 def _certain(fit: Fit, threshold: float) -> np.ndarray:
     """(k,) which cells of a fit are parts of something that cannot be left out."""
-    group = groups(fit)
+    group, at = groups(fit, threshold), columns(fit)
     strengths = np.exp(fit.unknowns.contacts[:, CONDUCTANCE])
     strongest = np.bincount(group, strengths).argmax()
     certain = np.ones(len(group), bool)
-    for each in np.unique(group):
+    for each in np.unique(group[fit.unknowns.alone :]):
         which = group == each
-        certain[which] = each == strongest or certainty(fit.covariance, which) > threshold
+        certain[which] = each == strongest or certainty(fit.covariance, at[which]) > threshold
     return certain
 
 
 def certainty(covariance: np.ndarray, which: np.ndarray) -> float:
-    """What cells `which` conduct together over its deviation, squared; `covariance` (k, k) of the
-    logarithms."""
+    """What contacts conduct together over its deviation, squared; `covariance` (F, F) of parameters, of
+    which `which` are the logarithms."""
     return float(np.linalg.inv(covariance[which][:, which]).sum())
 
 
@@ -197,19 +197,34 @@ def at_rest(fit: Fit, threshold: float, known: Equations | None) -> Fit:
     return found
 
 
+def from_cells(fit: Fit, known: Equations | None = None) -> Fit:
+    """Near the best fit of contacts and cells to the sensor as it is, or to one that follows, by what serves of the
+    equations `known`."""
+    if known is None:
+        return _descended(fit, _STEPS, Contacts)
+    return _descended(fit, _WHOLE, _Linearised(known))
+
+
 def _of_those_that_conduct(fit: Fit) -> Fit:
     """The same without cells that are at their bound."""
-    return _only(fit, _conduct(np.exp(fit.unknowns.contacts[:, CONDUCTANCE])))
+    kept = np.ones(len(fit.unknowns.contacts), bool)
+    kept[fit.unknowns.alone :] = _conduct(_of_cells(fit))
+    return _only(fit, kept)
+
+
+def _of_cells(fit: Fit) -> np.ndarray:
+    """(m,) S, what the cells of a fit conduct."""
+    return np.exp(fit.unknowns.contacts[fit.unknowns.alone :, CONDUCTANCE])
+
+
+def columns(fit: Fit) -> np.ndarray:
+    """(k,) which of the free parameters of a fit are what each of its contacts conducts."""
+    return np.cumsum(fit.unknowns.free.ravel())[CONDUCTANCE::PARAMETERS] - 1
 
 
 def _only(fit: Fit, kept: np.ndarray) -> Fit:
-    """The same with the cells `kept` (k,) only."""
-    u, count = fit.unknowns, int(np.count_nonzero(kept))
-    if kept.all() or u.bond is None:
-        return fit
-    bond = np.linalg.inv(np.linalg.inv(u.bond)[np.ix_(kept, kept)])
-    less = u.with_contacts(u.contacts[kept], u.across[:count], u.free[kept])
-    return Fit(fit.operator, replace(less, bond=bond), fit.rows, fit.prior)
+    """The same with the contacts `kept` (k,) only."""
+    return fit if kept.all() else Fit(fit.operator, chosen(fit.unknowns, kept), fit.rows, fit.prior)
 
 
 def _conduct(strengths: np.ndarray) -> np.ndarray:
@@ -220,13 +235,22 @@ def _conduct(strengths: np.ndarray) -> np.ndarray:
 def occam(fit: Fit, doubt: float) -> float:
     """What the cells of a fit cost for what they might all have been: twice the logarithm of how much
     narrower readings, doubted, make them (Laplace's approximation of the evidence; MacKay 2003,
-    chapter 28). Half of what each might have been is below 0; of those that conduct, nothing is."""
-    strengths = np.exp(fit.unknowns.contacts[:, CONDUCTANCE])
+    chapter 28). How much they may conduct at all is what they do (evidence procedure; MacKay 1992). Half of
+    what each might have been is below 0; of those that conduct, nothing is."""
+    cells, strengths = columns(fit)[fit.unknowns.alone :], _of_cells(fit)
+    if not len(cells):
+        return 0.0
     prior = contact_priors(fit)[0]
-    told = (Contacts(fit).normal - prior) / doubt + prior
+    told = ((Contacts(fit).normal - prior) / doubt + prior)[np.ix_(cells, cells)]
+    prior = prior[np.ix_(cells, cells)]
     scale = 1 / np.sqrt(told.diagonal())
-    units = np.outer(scale, scale)
-    narrower = np.linalg.slogdet(told * units)[1] - np.linalg.slogdet(prior * units)[1]
+    told, prior = told * np.outer(scale, scale), prior * np.outer(scale, scale)
+    known = len(cells) - np.trace(np.linalg.solve(told, prior))
+    spent = float(strengths @ fit.unknowns.bond @ strengths)
+    less = max(known / spent, 1.0)
+    told = told + (less - 1) * prior
+    narrower = np.linalg.slogdet(told)[1] - np.linalg.slogdet(less * prior)[1]
+    narrower += (less - 1) * spent
     return float(narrower - 2 * np.log(2) * np.count_nonzero(_conduct(strengths)))
 
 
@@ -255,64 +279,60 @@ def _descended(fit: Fit, steps: int, linearised: Callable[[Fit], Contacts]) -> F
 def _better(fit: Fit, linear: Contacts, settled: float) -> tuple[Fit | None, float]:
     """The fit after a step of `linear`, as much of it as lowers the cost, and by how much the linear model says; None
     where that is less than `settled`, or nothing does."""
-    before = np.exp(fit.unknowns.contacts[:, CONDUCTANCE])
-    step, others = _step(linear, before)
-    along = np.concatenate([step / before, others])
+    alone, cells = fit.unknowns.alone, columns(fit)[fit.unknowns.alone :]
+    before = _of_cells(fit)
+    along = _step(linear, cells, before)
     promised = float(along @ (2 * linear.right - linear.normal @ along)) + linear.beside
     if promised < settled:
         return None, promised
+    most = np.maximum(_MORE / np.maximum(fit.prediction.means[alone:], 1e-9), before)
     for _ in range(_HALVINGS):
-        after = before + step
-        most = _MORE / np.maximum(fit.prediction.means, 1e-9)
-        after = np.clip(after, _LEAST * max(after.max(), before.max()), np.maximum(most, before))
-        if isinstance(linear, Linear):
-            contacts = fit.unknowns.contacts.copy()
-            contacts[:, CONDUCTANCE] = np.log(after)
-            moved = replace(fit.unknowns, contacts=contacts)
-            moved = linear.followed(moved, np.concatenate([step / before, others]))
-            tried = fit.in_place(moved)
-        else:
-            tried = fit.with_strengths(after)
+        moved, longer = linear.after(along)
+        after = before * (1 + along[cells] / longer)
+        after = np.clip(after, _LEAST * max(after.max(), before.max()), most)
+        moved.contacts[alone:, CONDUCTANCE] = np.log(after)
+        tried = fit.at(moved)
         if tried.cost < fit.cost:
             return tried, promised
-        step, others = step / 2, others / 2
+        along = along / 2
     return None, promised
 
 
-def _step(linear: Contacts, strengths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Changes of the cells' conductances `strengths` (k,), S, none of which ends below 0, and of the
-    sheet's coefficients, (J,), that minimise the linearised cost."""
-    count = len(strengths)
+def _step(linear: Contacts, cells: np.ndarray, strengths: np.ndarray) -> np.ndarray:
+    """(P,) changes of all parameters that minimise the linearised cost, none of which takes the conductances
+    `strengths` (m,), S, of `cells` below 0; these in parts of what they are."""
     units = np.ones(len(linear.normal))
-    units[:count] = 1 / strengths
+    units[cells] = 1 / strengths
     normal = linear.normal * np.outer(units, units)
     right = linear.right * units
-    own, mixed, rest = normal[:count, :count], normal[:count, count:], normal[count:, count:]
-    along = right[:count]
+    rest = np.delete(np.arange(len(right)), cells)
+    own, mixed = normal[np.ix_(cells, cells)], normal[np.ix_(cells, rest)]
+    along = right[cells]
     if len(rest):
-        factor = cho_factor(rest)
+        factor = cho_factor(normal[np.ix_(rest, rest)])
         own = own - mixed @ cho_solve(factor, mixed.T)
-        along = along - mixed @ cho_solve(factor, right[count:])
+        along = along - mixed @ cho_solve(factor, right[rest])
     own = own + _ROUNDING * np.diag(own.diagonal())
     step = compiled.non_negative(own, own @ strengths + along) - strengths
-    if not len(rest):
-        return step, np.empty(0)
-    return step, cho_solve(factor, right[count:] - mixed.T @ step)
+    out = np.empty(len(right))
+    out[cells] = step / strengths
+    if len(rest):
+        out[rest] = cho_solve(factor, right[rest] - mixed.T @ step)
+    return out
 
 
-def groups(fit: Fit, doubt: float | None = None, following: bool = False) -> np.ndarray:
-    """(k,) number of the contact that each cell of a fit belongs to; `following`: the sensor follows, which
+def groups(fit: Fit, most: float, following: bool = False) -> np.ndarray:
+    """(k,) number of the contact that each contact or cell of a fit belongs to; `following`: the sensor follows, which
     is what can be told of them, else it is as it is there, for parts to begin a search with.
 
     Cells are taken in the order of their conductances; a cell beside two contacts keeps them apart
-    where the readings contradict that it conducts half of what the lower peak does; `doubt` : in them,
-    None: that of the fit.
+    where it costs `most` or more that it conducts half of what the lower peak does.
     """
-    u, doubt = fit.unknowns, fit.doubt if doubt is None else doubt
-    strengths = np.exp(u.contacts[:, CONDUCTANCE])
+    alone = fit.unknowns.alone
+    cells, strengths = fit.unknowns.contacts[alone:], _of_cells(fit)
     costs = _costs_of_more(fit, strengths, following)
-    side = np.exp(u.contacts[:, RADIUS]) * np.sqrt(np.pi)
-    beside = cdist(u.contacts[:, :2], u.contacts[:, :2]) < 1.5 * side
+    side = np.exp(cells[:, RADIUS]) * np.sqrt(np.pi)
+    beside = cdist(cells[:, :2], cells[:, :2]) < 1.5 * side
     group = np.full(len(strengths), -1)
     peaks: list[int] = []
     for cell in np.argsort(-strengths):
@@ -325,9 +345,9 @@ def groups(fit: Fit, doubt: float | None = None, following: bool = False) -> np.
         group[cell] = main
         for other in near[near != main]:
             wanted = _SADDLE * strengths[peaks[other]]
-            if costs(cell, wanted) < (_REGION if following else _SURE) ** 2 * doubt:
+            if costs(cell, wanted) < most:
                 group[group == other] = main
-    return np.unique(group, return_inverse=True)[1]
+    return np.append(np.arange(alone), alone + np.unique(group, return_inverse=True)[1])
 
 
 def _costs_of_more(
@@ -336,13 +356,13 @@ def _costs_of_more(
     """How much the cost grows, to second order, when a cell is given a conductance, the others that are
     not at their bound following, and if `following` the sensor: a function of cell and conductance, S."""
     linear = Linear(fit, fit.equations) if following else Contacts(fit)
-    cells = slice(0, len(strengths))
-    normal, right = linear.normal[cells, cells], linear.right[cells]
+    cells = columns(fit)[fit.unknowns.alone :]
+    normal, right = linear.normal[np.ix_(cells, cells)], linear.right[cells]
     if following:
-        sensor = slice(linear.free, None)
-        mixed = linear.normal[sensor, cells]
-        follow = np.linalg.solve(linear.normal[sensor, sensor], mixed).T
-        normal, right = normal - follow @ mixed, right - follow @ linear.right[sensor]
+        others = np.delete(np.arange(len(linear.right)), cells)
+        mixed = linear.normal[np.ix_(others, cells)]
+        follow = np.linalg.solve(linear.normal[np.ix_(others, others)], mixed).T
+        normal, right = normal - follow @ mixed, right - follow @ linear.right[others]
     normal, right = normal / np.outer(strengths, strengths), right / strengths
     there = _conduct(strengths)
     own = normal[np.ix_(there, there)]

@@ -67,6 +67,8 @@ class Linear {
 
   Linear about(std::shared_ptr<const Fit> fit) const;  // the right side of a fit nearby: a chord for a tangent
   Step step(double damping) const;
+  double excess(const Vector& step) const;     // times as far as the linearisation holds, at least 1
+  Unknowns after(const Vector& step) const;    // contacts within bounds after a step, and the sensor with them
   double promise() const;     // what an undamped step takes off the cost, to first order
   Matrix covariance() const;  // of the contacts' free parameters
   Unknowns followed(Unknowns unknowns, const Vector& step) const;  // with the sensor after a step of contacts and sheet

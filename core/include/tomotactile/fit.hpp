@@ -19,8 +19,7 @@ struct Fit {
   Fit(std::shared_ptr<const Sheet> sheet, Unknowns unknowns, std::shared_ptr<const Rows> rows,
       std::shared_ptr<const Prior> prior, std::shared_ptr<const Prediction> prediction = nullptr);
 
-  Fit with(Unknowns unknowns) const { return Fit(sheet, std::move(unknowns), rows, prior); }
-  Fit in_place(Unknowns unknowns) const;  // contacts rest where they are and differ in their conductance only
+  Fit with(Unknowns unknowns) const;
   Fit weighed(std::shared_ptr<const Rows> rows) const;  // rows that differ in their weights only
 
   // What a significant change of the cost is to be multiplied with: 1 where noise explains the misfit. What the model

@@ -29,7 +29,7 @@ struct Unknowns {
   Mask free;                // which parameters are estimated
   Rates rates;              // how fast x, y (m/s) and ln c (1/s) change
   std::vector<bool> moving; // for which contacts these are estimated
-  Matrix bond;              // k x k inverse covariance of conductances of cells of a shape, 1/S^2; 0 x 0 of discs
+  Matrix bond;              // m x m inverse covariance of conductances of the last m contacts, cells of shapes, 1/S^2
   Vector sheet;             // J coefficients
   Vector gain, offset;      // n; offset in parts of V0
   Vector resistance;        // n, ohm
@@ -38,6 +38,8 @@ struct Unknowns {
   bool is_moving() const;
   bool is_finite() const;
   Index rated() const;  // number of contacts that move
+  Index alone() const { return contacts.cols() - bond.rows(); }  // number of contacts that are no cells
+  Vector of_cells() const { return contacts.row(kStrength).tail(bond.rows()).array().exp().matrix().transpose(); }  // c, S
   void check(const Sheet& sheet) const;  // throws BadInput
 };
 

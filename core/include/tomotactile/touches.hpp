@@ -27,10 +27,11 @@ struct Slope {
 class Touches {
  public:
   Touches(std::shared_ptr<const Sheet> sheet, Parameters contacts, std::vector<int> across, const Vector& coefficients,
-          bool cells = false);
+          Index cells = 0, const Touches* known = nullptr);
 
-  // The same places on the sheet with other coefficients, and contacts that differ in their conductance only.
-  std::shared_ptr<const Touches> on(const Vector& coefficients, const Parameters& contacts) const;
+  // Others: of contacts that differ in their conductance only, D is known.
+  std::shared_ptr<const Touches> with(const Vector& coefficients, const Parameters& contacts, const std::vector<int>& across,
+                                      Index cells) const;
 
   Index count() const { return contacts.cols(); }
   Index patches() const { return place_.cols(); }
@@ -78,7 +79,7 @@ class Touches {
   std::vector<int> electrode_;       // nearest one, n: not in use
   Eigen::ArrayXd on_, off_, steep_radius_, rising_radius_;
   Eigen::Array2Xd steep_, rising_;
-  bool cells_;
+  Index cells_;                      // the last contacts, which feel each other however far apart
   std::vector<std::vector<int>> near_, groups_;
   Around around_;
   Charges charges_;
@@ -89,7 +90,7 @@ class Touches {
 
   void place(const Vector& area);
   void find_near();
-  void connect();
+  void connect(const Touches* known);
   void take();
 };
 
