@@ -169,7 +169,8 @@ _Looked = tuple[Estimate, tuple[float, int] | None]
 ByRows = Callable[[dict[int, str]], FollowedRows | None]
 
 
-class Joined(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Joined:
     """Discs, parts that their cells are of, the contact that each disc and cell is part of, and as far as asked, what
     the cost grows by without a contact, and what is not known of a disc that may be elsewhere."""
 
@@ -362,10 +363,10 @@ class Estimator:
             seen = self._look_without(*given, trial, asked, stuck, none), trial
         more = driven & ~covered & self._meets_bare(seen[0][0], seen[1].fit)
         if more.any():
-            found, last = seen[0][0], replace(seen[1], needed=None)
-            radii = [each.radius for each in found.contacts]
-            wide = min(radii, default=0.0) > _WIDE * self.operator_of(last.used).pitch
-            seen = under(covered | more, last if wide else state) or seen
+            begun = replace(seen[1], needed=None)
+            radii = [each.radius for each in seen[0][0].contacts]
+            wide = min(radii, default=0.0) > _WIDE * self.operator_of(begun.used).pitch
+            seen = under(covered | more, begun if wide else state) or seen
         found, last = seen
         state.become(last)
         return found

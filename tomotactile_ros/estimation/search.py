@@ -654,13 +654,14 @@ class Search(Fits):
 
     def _parts_of(self, cells: Fit) -> list[tuple[np.ndarray, Unknowns]]:
         """Which cells are a part (k,) bool that is narrow, and a disc or an ellipse in the place of it, alone."""
-        u, out = cells.unknowns, []
+        u = cells.unknowns
+        out: list[tuple[np.ndarray, Unknowns]] = []
         if u.bond is None:
             return out
         group = groups(cells, _left(cells) * self._threshold)
         sums = np.bincount(group, np.exp(u.contacts[:, CONDUCTANCE]))
         for each in np.unique(group[u.alone :]):
-            one = one_of(u, group == each, chosen(u, []), self.operator.pitch)
+            one = one_of(u, group == each, chosen(u, np.arange(0)), self.operator.pitch)
             width = np.exp(one.contacts[0, RADIUS] - np.hypot(*one.contacts[0, STRETCH:]))
             if sums[each] > DYNAMIC * sums.max() and width < _SMALL * self.operator.pitch:
                 out.append((group == each, one))
@@ -868,7 +869,7 @@ class Search(Fits):
         excess = min(cost, shape.chi_squared) - shape.rows.count
         doubt = 1.0 + max(excess, 0.0) / self.operator.count
         discs = cost / doubt + self._threshold * np.count_nonzero(free) / _FORM
-        return self._evidence(shape, self._finished[1], doubt) < discs
+        return bool(self._evidence(shape, self._finished[1], doubt) < discs)
 
     def _evidence(self, shape: Fit, begun: Fit, doubt: float) -> float:
         """Minus twice the logarithm of the evidence for a `shape`, doubted, found from where it had `begun`."""
