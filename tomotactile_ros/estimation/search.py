@@ -498,7 +498,7 @@ class Search(Fits):
             return self._as_few(first, start.look, fit)
         return self._as_shape(first, fit, start)
 
-    def _as_few(self, first: Fit, look: FirstLook, rest: Fit, shapes: bool = True) -> Fit:
+    def _as_few(self, first: Fit, look: FirstLook, rest: Fit) -> Fit:
         """The likeliest fit from `first` on, also in other numbers and forms if contacts fall short; a
         first `look` at the rows of `rest`, of no contacts, shows which."""
         found = first
@@ -509,7 +509,7 @@ class Search(Fits):
             if self.meets_electrode(found.unknowns.contacts)[which]:
                 found = self._other_sizes(found, which)
         short = self._falls_short(found)
-        if shapes and short and not (self._changing or self._round):
+        if short and not (self._changing or self._round):
             found = self._of_any_shape(found, look, rest)
             if found.unknowns.bond is not None:
                 return found
@@ -542,9 +542,6 @@ class Search(Fits):
         least = found.chi_squared + found.of_sensor
         if not explains(shape) and shape.chi_squared + shape.of_sensor > least:
             return found
-        parts = self._parts(shape, rest)
-        if parts.chi_squared < MISFIT * parts.rows.count:
-            found = self._likelier(found, self._simplified(self._solve(parts.unknowns, parts)))
         return self._shape_or(shape, found) or found
 
     def _in_cells(self, look: FirstLook, rest: Fit) -> Fit | None:
@@ -579,11 +576,7 @@ class Search(Fits):
             if self._is_likelier(shape, found) or self._is_part_of(found, shape):
                 return shape
             return found
-        either = self._shape_or(cells, found)
-        if either is not None:
-            return either
-        wide = self._looks_wide(self._as_discs(seen, rest), rest)
-        return self._likelier(found, self._as_few(wide, start.look, rest, False))
+        return self._shape_or(cells, found) or found
 
     def _is_part_of(self, found: Fit, shape: Fit) -> bool:
         """Whether discs that were `found` are joined to one thing or more, which a `shape` explains: they are no better
