@@ -92,7 +92,6 @@ _NEW = 1.5  # times what one more contact promised before, it must promise to be
 # of what noise does not explain: what one step from the last frame's contacts does if they are still
 # there
 _MOSTLY = 0.75
-_PARTLY = 0.1  # of the cost: what another form of contacts promises, worth a try near the start
 # discs: beside each other that may be fingertips, where one contact explains as much; a disc of 30
 # mm as six of them took 2.6 s instead of 0.1
 _FEW = 3
@@ -787,8 +786,8 @@ class Search(Fits):
         shape = None if self._changing or self._round else self._in_cells(look, like)
         if shape is not None and explains(shape):
             return Start(look, shape, discs)
-        wide = self._looks_wide(self._as_discs(look.contacts(), like), like)
-        return Start(look, self._likelier(discs, wide, near=True))
+        seen = self._near(self._as_discs(look.contacts(), like), like)
+        return Start(look, self._likelier(discs, seen, near=True))
 
     def _as_one(self, points: list[tuple[np.ndarray, float]], like: Fit) -> Fit | None:
         """The best fit of one contact in the place of each three or more `points` near each other, if it leaves
@@ -891,32 +890,6 @@ class Search(Fits):
         linear = Linear(fit, self._known)
         self._known = linear.equations
         return fit.cost - linear.promise
-
-    def _looks_wide(self, seen: Unknowns, like: Fit) -> Fit:
-        """Near the likeliest of a disc, an ellipse or two discs for each cluster of contacts `seen`,
-        and all of them."""
-        few = clustered(seen, self.operator.pitch)
-        radii = np.exp(few.contacts[:, RADIUS]), np.full(len(few.contacts), like.prior.radius)
-        discs = [
-            as_discs(few, each, self.operator.pitch) for each in radii[int(np.allclose(*radii)) :]
-        ]
-        starts = [self._begun(each, like, len(each.contacts)) for each in discs]
-        found = self._approached(min(starts, key=_cost))
-        if found.chi_squared > LEFT_OVER * found.rows.count:
-            if few.free.all(axis=1).any():
-                begun = self._begun(few, like, len(few.contacts))
-                found = self._likelier(found, self._approached(begun), near=True)
-                found = self._split(found, self._near)
-            elif Contacts(self._stretched(found)).promise > _PARTLY * found.cost:
-                found = self._split(self._formed(found, self._near), self._near)
-        if (
-            len(seen.contacts) > len(few.contacts)
-            and found.chi_squared > LEFT_OVER * found.rows.count
-        ):
-            many = self._begun(seen, like, len(seen.contacts))
-            if many.cost < found.cost:
-                found = self._likelier(found, self._approached(many), near=True)
-        return found
 
     def _near(self, start: Unknowns, like: Fit, goal: float = np.inf) -> Fit:
         """Near the best fit from `start`, by steps of contacts alone."""
