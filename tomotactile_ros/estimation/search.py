@@ -560,7 +560,8 @@ class Search(Fits):
         parts = self._split(self._parts(cells, rest), self._near)
         parts = self._likelier(discs, parts, near=True)
         left = self._after_a_step(parts)
-        if left > _POOR * parts.rows.count or len(parts.unknowns.contacts) > _FEW:
+        many = len(parts.unknowns.contacts) > _FEW
+        if max(left, many * parts.chi_squared) > _POOR * parts.rows.count:
             shape = self._whole(cells)
             if shape is not None and shape.chi_squared < _NEAR * shape.rows.count:
                 least = _least_after(left, shape)
@@ -877,10 +878,10 @@ class Search(Fits):
         each other may be parts of something long or wide, whatever they explain."""
         contacts = fit.unknowns.contacts
         most = most_together(contacts[:, :2], self.operator.pitch)
+        if fit.chi_squared < (_NEAR if most > _FEW else MISFIT) * fit.rows.count:
+            return True
         if most > _FEW:
             return False
-        if fit.chi_squared < MISFIT * fit.rows.count:
-            return True
         if most != 2 and len(contacts) > 1:
             return most == 1
         return self._after_a_step(fit) < LEFT_OVER * fit.rows.count
