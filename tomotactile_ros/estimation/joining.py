@@ -65,9 +65,8 @@ def groups(
         touching &= beside | beside.T
         touching |= known[:, None] == known
     near = np.argwhere(~touching & beside)
-    if (
-        known is not None
-    ):  # of discs in the place of parts of a shape it was asked before whether they are one
+    if known is not None:
+        # of discs in the place of parts of a shape it was asked before whether they are one
         near = _between(near[near[:, 1] >= fit.unknowns.alone], gaps, known)
     long = np.hypot(*contacts[:, STRETCH:].T) > LONG
     if (len(contacts) > 2 or long.any()) and len(near):

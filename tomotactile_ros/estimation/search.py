@@ -576,7 +576,11 @@ class Search(Fits):
             if self._is_likelier(shape, found) or self._is_part_of(found, shape):
                 return shape
             return found
-        return self._shape_or(cells, found) or found
+        either = self._shape_or(cells, found)
+        if either is not None:
+            return either
+        many = self._near(self._as_discs(seen, rest), rest)
+        return self._likelier(found, self._as_few(many, start.look, rest))
 
     def _is_part_of(self, found: Fit, shape: Fit) -> bool:
         """Whether discs that were `found` are joined to one thing or more, which a `shape` explains: they are no better
