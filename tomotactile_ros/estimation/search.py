@@ -579,8 +579,8 @@ class Search(Fits):
         either = self._shape_or(cells, found)
         if either is not None:
             return either
-        many = self._near(self._as_discs(seen, rest), rest)
-        return self._likelier(found, self._as_few(many, start.look, rest))
+        near = self._near(self._as_discs(seen, rest), rest)
+        return self._likelier(found, self._as_few(near, start.look, rest))
 
     def _is_part_of(self, found: Fit, shape: Fit) -> bool:
         """Whether discs that were `found` are joined to one thing or more, which a `shape` explains: they are no better
