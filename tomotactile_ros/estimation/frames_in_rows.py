@@ -328,12 +328,11 @@ def linearised(follower: Follower, state: RowState, known: Known, belief: Belief
 def _wide(seen: Unknowns, pitch: float) -> np.ndarray:
     """(k,) bool, contacts that are more than a small disc alone, or cells of a shape."""
     contacts = seen.contacts
-    if seen.bond is not None:
-        return np.ones(len(contacts), bool)
     radii = np.exp(contacts[:, RADIUS])
     out = (radii > _WIDE * pitch) | (np.hypot(*contacts[:, STRETCH:].T) > _STRETCHED)
     apart = np.hypot(*(contacts[:, None, :2] - contacts[:, :2]).transpose(2, 0, 1))
     touching = (apart < TOUCHING * np.add.outer(radii, radii)) & ~np.eye(len(radii), dtype=bool)
+    out[seen.alone :] = True
     return out | touching.any(axis=1)
 
 

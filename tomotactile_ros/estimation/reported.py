@@ -114,13 +114,14 @@ def contacts_of(
     """
     if not len(fit.unknowns.contacts[:discs]):
         return [], np.empty(0, int)
+    group = group[:discs]
     # what is wrong with D of each contact bends all that is fitted
     bent = IMPEDANCE_FLOOR * fit.equations.by_ways
     covariance = fit.covariance * fit.doubt + bent @ bent.T
     certainties = _certainties(fit, covariance, group)
     for each in np.unique(group[certainties < _CERTAIN**2]):
         certainties[group == each] = np.maximum(certainties[group == each], needed(int(each)))
-    which = np.flatnonzero(certainties[:discs] >= _LIKELY**2)
+    which = np.flatnonzero(certainties >= _LIKELY**2)
     floor = place_floor(fit, fit.equations.unevenness(fit))
     found = [
         _contact(fit, int(i), covariance, bent, certainties[i], law, floor, elsewhere(int(i)))
@@ -250,8 +251,8 @@ def _certainties(fit: Fit, covariance: np.ndarray, group: np.ndarray) -> np.ndar
     covariance (F, F) of the fit; group (k,) number of the contact of each disc. Discs of one contact
     may be uncertain one by one.
     """
-    free, prediction = fit.unknowns.free, fit.prediction
-    strengths = 1 / (1 / prediction.conductances + prediction.means)
+    free, prediction = fit.unknowns.free[: len(group)], fit.prediction
+    strengths = 1 / (1 / prediction.conductances + prediction.means)[: len(group)]
     slopes = np.zeros((len(group), free.size))
     for i, strength in enumerate(strengths):
         slopes[group[i], i * free.shape[1] :][: free.shape[1]] += (

@@ -514,7 +514,7 @@ class Search(Fits):
                 return found
             short = self._falls_short(found)
         if short and self._left > 0:
-            found = self._formed(found, self._solve)
+            found = self._formed(found)
         found = self._split(found, self._solve)
         if short and self._left > 0 and self._falls_short(found):
             many = self._as_discs(look.contacts(), rest)
@@ -634,12 +634,12 @@ class Search(Fits):
     def _with_discs(self, begun: Fit, found: Fit) -> Fit:
         """`begun` with a disc in the place of each part of what was `found` from there that is small; itself if none
         is."""
-        small = [each for each in self._parts_of(found) if not each[1].free[-1, STRETCH]]
+        small = [each for each in self._narrow(found) if not each[1].free[-1, STRETCH]]
         return self._replaced(begun, found, small) if small else begun
 
     def _of_long(self, begun: Fit, found: Fit) -> Iterator[Fit]:
         """The same with an ellipse or two discs in the place of one part that is long."""
-        for which, one in self._parts_of(found):
+        for which, one in self._narrow(found):
             two = halved(one, 0, found.prior.radius, self.operator.pitch)
             if two is None:
                 continue
@@ -649,20 +649,24 @@ class Search(Fits):
                 if not overlaps(discs, len(discs) - 1):
                     yield tried
 
+    def _narrow(self, cells: Fit) -> list[tuple[np.ndarray, Unknowns]]:
+        """`_parts_of` cells that discs or ellipses may stand for."""
+        most = np.log(_SMALL * self.operator.pitch)
+        parts = self._parts_of(cells)
+        forms = (one.contacts[0, RADIUS:] for _, one in parts)
+        narrow = [radius - np.hypot(*stretch) < most for radius, *stretch in forms]
+        return [each for each, is_narrow in zip(parts, narrow) if is_narrow]
+
     def _parts_of(self, cells: Fit) -> list[tuple[np.ndarray, Unknowns]]:
-        """Which cells are a part (k,) bool that is narrow, and a disc or an ellipse in the place of it, alone."""
+        """Which cells are a part (k,) bool, and a disc or an ellipse in the place of it, alone; the strongest first."""
         u = cells.unknowns
-        out: list[tuple[np.ndarray, Unknowns]] = []
         if u.bond is None:
-            return out
+            return []
         group = groups(cells, _left(cells) * self._threshold)
         sums = np.bincount(group, np.exp(u.contacts[:, CONDUCTANCE]))
-        for each in np.unique(group[u.alone :]):
-            one = one_of(u, group == each, chosen(u, np.arange(0)), self.operator.pitch)
-            width = np.exp(one.contacts[0, RADIUS] - np.hypot(*one.contacts[0, STRETCH:]))
-            if sums[each] > DYNAMIC * sums.max() and width < _SMALL * self.operator.pitch:
-                out.append((group == each, one))
-        return out
+        strong = [e for e in np.argsort(-sums) if e >= u.alone and sums[e] > DYNAMIC * sums.max()]
+        nothing = chosen(u, np.arange(0))
+        return [(group == e, one_of(u, group == e, nothing, self.operator.pitch)) for e in strong]
 
     def _replaced(self, begun: Fit, found: Fit, parts: list[tuple[np.ndarray, Unknowns]]) -> Fit:
         """Near the best fit with contacts in the place of `parts` of what was `found`, and the other cells that it had
@@ -745,14 +749,10 @@ class Search(Fits):
         held = ~fit.unknowns.free
         return bool(held.any()) and self._counts(fit, fit.equations.score(fit, held))
 
-    def _stretched(self, fit: Fit) -> Fit:
-        """The same fit with the forms of all contacts free."""
-        return fit.freed(np.ones_like(fit.unknowns.free))
-
-    def _formed(self, fit: Fit, solved: Solver) -> Fit:
+    def _formed(self, fit: Fit) -> Fit:
         """The same or a fit of ellipses in the place of discs, if that is better."""
         start = replace(fit.unknowns, free=np.ones_like(fit.unknowns.free))
-        tried = solved(as_known(start, self._expected(fit.rows, fit.prior)), fit)
+        tried = self._solve(as_known(start, self._expected(fit.rows, fit.prior)), fit)
         return tried if tried.cost < fit.cost - self._threshold * tried.doubt else fit
 
     def _likelier(self, first: Fit | None, second: Fit, near: bool = False) -> Fit:
@@ -840,13 +840,9 @@ class Search(Fits):
 
     def _parts(self, shape: Fit, like: Fit) -> Fit:
         """Near the best fit of one disc or ellipse for each part of a shape."""
-        group, u = groups(shape, _left(shape) * self._threshold), shape.unknowns
-        strengths = np.exp(u.contacts[:, CONDUCTANCE])
-        sums = np.bincount(group, strengths)
-        strong = np.flatnonzero(sums > DYNAMIC * sums.max())
         found = like.unknowns
-        for each in strong[np.argsort(-sums[strong])][: self._most]:
-            found = one_of(u, group == each, found, self.operator.pitch)
+        for _, one in self._parts_of(shape)[: self._most]:
+            found = found.joined_by(one.contacts[0], one.across[0], one.free[0])
         return self._approached(self._begun(found, like, len(found.contacts)))
 
     def _is_likelier(self, shape: Fit, found: Fit) -> bool:
@@ -985,7 +981,3 @@ def _least_after(left: float, fit: Fit) -> float:
     """The least cost of other contacts, of which one step leads to `left`, beside a fit: no less than noise."""
     least = min(left, fit.chi_squared + _AT_LEAST * (left - fit.chi_squared))
     return max(least, min(fit.chi_squared, float(fit.rows.count)))
-
-
-def _cost(fit: Fit) -> float:
-    return fit.cost
