@@ -87,6 +87,11 @@ def halved(
     return out
 
 
+def are_long(contacts: np.ndarray) -> np.ndarray:
+    """(k,) which of `contacts` (k, 6) may be two beside each other, or a part of something longer."""
+    return np.hypot(*contacts[:, STRETCH:].T) > LONG
+
+
 def clusters(contacts: np.ndarray, pitch: float) -> np.ndarray:
     """(k,) number of the cluster of contacts near each other that each of `contacts` (k, 6) is in; of long ones
     their ends count as well."""
@@ -151,9 +156,9 @@ def merged(unknowns: Unknowns, which: int, bare: np.ndarray) -> Unknowns:
     return chosen(replace(unknowns, contacts=contacts), keep)
 
 
-def gathered(unknowns: Unknowns, which: np.ndarray, pitch: float) -> Unknowns:
+def gathered(unknowns: Unknowns, which: np.ndarray, pitch: float, blurred: float = 0.0) -> Unknowns:
     """The same with one contact in the place of those `which` (m,): as strong as all of them, an
-    ellipse of their moments."""
+    ellipse of their moments, if these differ by more than how far they may be `blurred`, m²."""
     contacts = unknowns.contacts[which]
     strengths = np.exp(contacts[:, CONDUCTANCE])
     share = strengths / strengths.sum()
@@ -161,9 +166,11 @@ def gathered(unknowns: Unknowns, which: np.ndarray, pitch: float) -> Unknowns:
     apart = contacts[:, :2] - place
     # a disc of radius a has the moments a^2 / 4
     moments = (apart * share[:, None]).T @ apart
-    moments += np.eye(2) * (share @ np.exp(2 * contacts[:, RADIUS])) / 4
+    own = float(share @ np.exp(2 * contacts[:, RADIUS])) / 4
     value, axis = np.linalg.eigh(moments)
-    stretch = min(np.log(value[1] / value[0]) / 4, LONGEST)
+    narrow, long = np.maximum(value - blurred, 0.0) + own
+    stretch = min(np.log(long / narrow) / 4, LONGEST)
+    value += own
     angle = 2 * np.arctan2(axis[1, 1], axis[0, 1])
     form = unknowns.free[which[0]].copy()
     form[STRETCH:] = stretch > LONG
@@ -178,11 +185,15 @@ def gathered(unknowns: Unknowns, which: np.ndarray, pitch: float) -> Unknowns:
 
 
 def one_of(cells: Unknowns, which: np.ndarray, others: Unknowns, pitch: float) -> Unknowns:
-    """`others` and a disc or an ellipse in the place of the `cells` `which` (k,) of a shape."""
+    """`others` and a disc or an ellipse in the place of the `cells` `which` (k,) of a shape.
+
+    A point half way between two cells is shown as both, with a moment of a quarter of their squared distance.
+    """
     contacts = cells.contacts[which]
+    blurred = np.pi / 4 * float(np.exp(2 * contacts[0, RADIUS]))
     discs = np.tile(_DISC, (len(contacts), 1))
     part = cells.with_contacts(contacts, np.array(cells.across)[which].tolist(), discs)
-    one = gathered(part, np.arange(len(contacts)), pitch)
+    one = gathered(part, np.arange(len(contacts)), pitch, blurred)
     return others.joined_by(one.contacts[0], one.across[0], one.free[0])
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from tomotactile_ros.estimation.arrangement import (
     CLOSE,
+    are_long,
     as_known,
     chosen,
     clusters,
@@ -309,7 +310,8 @@ class Fits:
             of = np.flatnonzero(group == each)
             if len(of) < 2 or len(group) != len(fit.unknowns.contacts) or self._left <= 0:
                 continue
-            if not any(self._may_go(fit, int(which)) for which in of):
+            certain = not any(self._may_go(fit, int(which)) for which in of)
+            if certain and not are_long(contacts[of]).any():
                 continue
             limit = fit.cost + (len(of) - 1) * self._threshold * min(fit.doubt, _DOUBT)
             tried = self._solve(gathered(fit.unknowns, of, self.operator.pitch), fit, goal=limit)

@@ -21,7 +21,7 @@ from scipy.special import chdtri
 
 from tomotactile_ros.estimation.arrangement import (
     CLOSE,
-    LONG,
+    are_long,
     as_discs,
     as_known,
     beyond,
@@ -85,8 +85,7 @@ _CONTINUED = 0.2  # spacings that a contact may be from where it was expected
 # chi-squared per reading that such a disc leaves at most with the sensor as expected, if it is of the right
 # size: 1.0 to 1.3, of a wrong one 1.7 and more
 _NEAR = 1.5
-# spacings: radius of a part of a shape that a disc may stand for: fingertips are 6 to 8 mm, and cells
-# make them 2 mm wider
+# spacings: radius of a part of a shape that a disc may stand for: fingertips are 6 to 8 mm
 _SMALL = 0.6
 _NEW = 1.5  # times what one more contact promised before, it must promise to be tried again
 # of what noise does not explain: what one step from the last frame's contacts does if they are still
@@ -563,7 +562,11 @@ class Search(Fits):
         many = len(parts.unknowns.contacts) > _FEW
         if max(left, many * parts.chi_squared) > _POOR * parts.rows.count:
             shape = self._whole(cells)
-            if shape is not None and shape.chi_squared < _NEAR * shape.rows.count:
+            if (
+                shape is not None
+                and self._is_wide(shape)
+                and shape.chi_squared < _NEAR * shape.rows.count
+            ):
                 least = _least_after(left, shape)
                 if self._has_more_evidence(shape, least, parts.unknowns.free):
                     return shape
@@ -579,6 +582,8 @@ class Search(Fits):
         either = self._shape_or(cells, found)
         if either is not None:
             return either
+        if found.chi_squared < _POOR * found.rows.count:
+            return found
         near = self._near(self._as_discs(seen, rest), rest)
         return self._likelier(found, self._as_few(near, start.look, rest))
 
@@ -625,7 +630,7 @@ class Search(Fits):
             begun, shape = again, whole(again, self._threshold)
         while shape.unknowns.bond is not None:
             tries = [begun, *self._of_long(begun, shape)]
-            best = min(tries, key=partial(self._evidence_of, shape.doubt))
+            best = min(tries, key=partial(self._evidence_of, _left(shape)))
             if best is begun:
                 break
             begun, shape = best, whole(best, self._threshold)
@@ -649,10 +654,15 @@ class Search(Fits):
                 if not overlaps(discs, len(discs) - 1):
                     yield tried
 
+    def _is_wide(self, shape: Fit) -> bool:
+        """Whether discs cannot stand for all parts of a shape."""
+        return len(self._narrow(shape)) < len(self._parts_of(shape))
+
     def _narrow(self, cells: Fit) -> list[tuple[np.ndarray, Unknowns]]:
-        """`_parts_of` cells that discs or ellipses may stand for."""
-        most = np.log(_SMALL * self.operator.pitch)
+        """`_parts_of` cells that discs or ellipses may stand for; cells make these wider by their own side."""
         parts = self._parts_of(cells)
+        side = np.sqrt(np.pi) * np.exp(cells.unknowns.contacts[-1, RADIUS]) if parts else 0.0
+        most = np.log(np.hypot(_SMALL * self.operator.pitch, side))
         forms = (one.contacts[0, RADIUS:] for _, one in parts)
         narrow = [radius - np.hypot(*stretch) < most for radius, *stretch in forms]
         return [each for each, is_narrow in zip(parts, narrow) if is_narrow]
@@ -734,7 +744,10 @@ class Search(Fits):
     def _may_be_two(self, fit: Fit) -> bool:
         """Whether a long contact leaves more over than noise does: it may be two, of which no first
         order tells."""
-        return bool(_is_long(fit).any()) and fit.chi_squared - fit.rows.count > self._threshold
+        return (
+            bool(are_long(fit.unknowns.contacts).any())
+            and fit.chi_squared - fit.rows.count > self._threshold
+        )
 
     def _counts(self, fit: Fit, promised: float) -> bool:
         """Whether it would be significant if so much less of the cost were left over."""
@@ -859,8 +872,7 @@ class Search(Fits):
         """Whether a `shape`, the last one of `_whole`, has more evidence than discs of a `cost` with as many
         parameters `free` (k, 6)."""
         assert self._finished is not None
-        excess = min(cost, shape.chi_squared) - shape.rows.count
-        doubt = 1.0 + max(excess, 0.0) / self.operator.count
+        doubt = max(min(cost, shape.chi_squared) / shape.rows.count, 1.0)
         discs = cost / doubt + self._threshold * np.count_nonzero(free) / _FORM
         return bool(self._evidence(shape, self._finished[1], doubt) < discs)
 
@@ -965,11 +977,6 @@ def _spread(fit: Fit) -> np.ndarray:
     """(k, 2) standard deviation of the velocity of each contact, all of which move, m/s."""
     rates = fit.covariance.diagonal()[np.count_nonzero(fit.unknowns.free) :]
     return np.sqrt(rates.reshape(-1, len(RATED))[:, :2] * fit.doubt)
-
-
-def _is_long(fit: Fit) -> np.ndarray:
-    """(k,) which contacts of a fit may be two beside each other."""
-    return np.hypot(*fit.unknowns.contacts[:, STRETCH:].T) > LONG
 
 
 def _left(fit: Fit) -> float:
