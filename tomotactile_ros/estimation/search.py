@@ -115,6 +115,7 @@ BOUNDED = 8
 # patches, in all evaluations of the forward model for one frame: what no few discs explain is given
 # up
 BUDGET = 25000
+_MANY = 8  # contacts for which that is enough: of more each has as much
 _FOR_OTHERS = 0.5  # of what is left of that, kept for other forms while small discs are fitted with the sensor
 FIRST_LOOK = 2000  # the same of a search that begins with what was there before
 _TOLD = 0.5  # of the deviation of speeds before any row: below, readings tell how fast a contact is
@@ -493,6 +494,7 @@ class Search(Fits):
             return fit
         first = start.fit
         if first.unknowns.bond is None:
+            self._left *= max(len(first.unknowns.contacts) / _MANY, 1.0)
             return self._as_few(first, start.look, fit)
         return self._as_shape(first, fit, start)
 
@@ -560,13 +562,11 @@ class Search(Fits):
         parts = self._likelier(discs, parts, near=True)
         left = self._after_a_step(parts)
         many = len(parts.unknowns.contacts) > _FEW
-        if max(left, many * parts.chi_squared) > _POOR * parts.rows.count:
+        wide = self._is_wide(cells)
+        if wide and max(left, many * parts.chi_squared) > _POOR * parts.rows.count:
             shape = self._whole(cells)
-            if (
-                shape is not None
-                and self._is_wide(shape)
-                and shape.chi_squared < _NEAR * shape.rows.count
-            ):
+            believed = shape is not None and shape.chi_squared < _NEAR * shape.rows.count
+            if shape is not None and believed and self._is_wide(shape):
                 least = _least_after(left, shape)
                 if self._has_more_evidence(shape, least, parts.unknowns.free):
                     return shape
@@ -579,11 +579,9 @@ class Search(Fits):
             if self._is_likelier(shape, found) or self._is_part_of(found, shape):
                 return shape
             return found
-        either = self._shape_or(cells, found)
-        if either is not None:
-            return either
-        if found.chi_squared < _POOR * found.rows.count:
-            return found
+        either = self._shape_or(cells, found) if wide else None
+        if either is not None or found.chi_squared < _POOR * found.rows.count:
+            return either or found
         near = self._near(self._as_discs(seen, rest), rest)
         return self._likelier(found, self._as_few(near, start.look, rest))
 
@@ -779,6 +777,8 @@ class Search(Fits):
         extra = (counts[1] - counts[0]) / _FORM
         left = [self._after_a_step(fit) if near else fit.cost for fit in (fewer, more)]
         doubt = more.doubt_after(more.cost - left[1])
+        if near:
+            doubt = max(min(left) / more.rows.count, 1.0)
         return more if left[1] < left[0] - extra * self._threshold * doubt else fewer
 
     def _looks_like(self, like: Fit) -> Start | None:
@@ -911,17 +911,19 @@ class Search(Fits):
     def _split(self, fit: Fit, solved: Solver) -> Fit:
         """The same or a fit with two discs in the place of each long contact: two fingers side by
         side are no rod."""
-        for which in range(len(fit.unknowns.contacts)):
-            if which >= len(fit.unknowns.contacts) or self._left <= 0:
-                break
+        which = 0
+        while which < len(fit.unknowns.contacts) and self._left > 0:
             start = halved(
                 fit.unknowns, which, fit.prior.radius, self.operator.pitch, self._changing
             )
+            before, which = fit, which + 1
             if start is not None:
                 begun = self._begun(as_known(start, self._expected(fit.rows, fit.prior)), fit, 2)
                 tried = solved(begun.unknowns, begun, goal=fit.cost)
                 if not overlaps(tried.unknowns.contacts, len(start.contacts) - 1):
                     fit = self._likelier(fit, tried)
+            if fit is not before:  # both are the last ones now
+                which -= 1
         return fit
 
     def _next(self, fit: Fit) -> tuple[np.ndarray | None, float]:
