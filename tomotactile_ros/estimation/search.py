@@ -85,8 +85,8 @@ _CONTINUED = 0.2  # spacings that a contact may be from where it was expected
 # chi-squared per reading that such a disc leaves at most with the sensor as expected, if it is of the right
 # size: 1.0 to 1.3, of a wrong one 1.7 and more
 _NEAR = 1.5
-# spacings: radius of a part of a shape that a disc may stand for: fingertips are 6 to 8 mm
-_SMALL = 0.6
+# deviations of what is expected of the radius of contacts: a part of a shape that a disc may stand for is smaller
+_SMALL = 2.0
 _NEW = 1.5  # times what one more contact promised before, it must promise to be tried again
 # of what noise does not explain: what one step from the last frame's contacts does if they are still
 # there
@@ -657,10 +657,11 @@ class Search(Fits):
         return len(self._narrow(shape)) < len(self._parts_of(shape))
 
     def _narrow(self, cells: Fit) -> list[tuple[np.ndarray, Unknowns]]:
-        """`_parts_of` cells that discs or ellipses may stand for; cells make these wider by their own side."""
-        parts = self._parts_of(cells)
+        """`_parts_of` cells that discs or ellipses may stand for, as narrow as contacts may be; cells make these wider by
+        their own side."""
+        parts, usual = self._parts_of(cells), cells.prior.radius * np.exp(_SMALL * cells.prior.spread)
         side = np.sqrt(np.pi) * np.exp(cells.unknowns.contacts[-1, RADIUS]) if parts else 0.0
-        most = np.log(np.hypot(_SMALL * self.operator.pitch, side))
+        most = np.log(np.hypot(usual, side))
         forms = (one.contacts[0, RADIUS:] for _, one in parts)
         narrow = [radius - np.hypot(*stretch) < most for radius, *stretch in forms]
         return [each for each, is_narrow in zip(parts, narrow) if is_narrow]
