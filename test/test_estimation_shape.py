@@ -114,6 +114,21 @@ def test_cells_that_had_nothing_to_explain_may_conduct_once_the_sensor_is_free()
     assert result.misfit < 1.1
 
 
+def test_a_hand_that_rests_stays_what_it_is():
+    """Each frame left out the cells that conducted nothing by its noise, for good: after sixty the palm was two
+    contacts, 3 mm off."""
+    layout, scene = load_layout("equal-8x8"), load_scene("hand")
+    simulator, pipeline = (
+        Simulator(layout, scene),
+        Pipeline(layout, Settings("accurate", contact_law=scene.contact_law)),
+    )
+    for k in range(80):
+        result = pipeline.process(simulator.measure(0.064 * k, k))
+    score = score_frame(result.contacts, scene.truth(0.0))
+    assert score.true == 6 and not score.ghosts and not score.doubled and not score.missed
+    assert score.place.max() < 1e-3 and score.force.max() < 0.15
+
+
 def test_a_ring_is_one_contact_after_an_untouched_frame():
     """Frames of the untouched sheet bent the sheet that the ring was explained with: four ghosts in
     five presses."""

@@ -488,13 +488,13 @@ class Estimator:
         first += begun
         # the next frame begins where this one ends, and is estimated for its middle
         ahead = 0.0 if times is None else fit.rows.last + (times[-1] + row_period) / 2
-        unknowns = _ahead(fit.unknowns, ahead)
+        unknowns = _ahead(fit.lasting.unknowns, ahead)
         if len(fit.rows.grounded) < len(rows.grounded):
             # few rows do not tell
             unknowns = as_known(unknowns, prior if state.sensor is None else state.sensor.unknowns)
         elif len(unknowns.contacts):
             state.sensor = fit
-        state.unknowns, state.equations, state.used = unknowns, fit.equations, used
+        state.unknowns, state.equations, state.used = unknowns, fit.lasting.equations, used
         state.misfit = max(1.0, fit.chi_squared / fit.rows.count)
         state.needed = fit.needed
         state.refused = fit.promised if len(fit.rows.grounded) == len(rows.grounded) else 0.0
@@ -775,7 +775,7 @@ class Estimator:
         """Where the last frame ended, as a fit of the rows."""
         if state.fit is None or state.fit.operator is not search.operator:
             return Fit(search.operator, start, rows, prior)
-        return state.fit.of(start, rows, prior)
+        return state.fit.lasting.of(start, rows, prior)
 
     def _grown(
         self,

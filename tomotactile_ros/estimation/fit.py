@@ -31,6 +31,7 @@ class Fit:
     equations : the last ones of `solve`, None before
     promised : what one more contact would take off the cost to first order, as far as that was
         asked
+    lasting : a fit of the next rows begins with this one: the same, also with cells that conduct nothing by these rows
     needed (k, 6) : its contacts as they were when the readings were last asked whether they need them
         all, and did; None: not asked
     """
@@ -55,7 +56,16 @@ class Fit:
         self.covariance = np.empty((0, 0))
         self.equations: Any = None
         self.steps, self.work, self.promised = 0, 0.0, 0.0
+        self._lasting: Fit | None = None
         self.needed: np.ndarray | None = None
+
+    @property
+    def lasting(self) -> Fit:
+        return self._lasting or self
+
+    @lasting.setter
+    def lasting(self, other: Fit) -> None:
+        self._lasting = other
 
     @cached_property
     def prediction(self) -> Any:

@@ -102,6 +102,7 @@ def contacts_of(
     needed: Callable[[int], float],
     elsewhere: Callable[[int], np.ndarray],
     discs: int | None = None,
+    ways: np.ndarray | None = None,
 ) -> tuple[list[Contact], np.ndarray]:
     """The discs of a fit that are certain, strongest first, and of `group` (k,), the contact that each
     disc belongs to, what is theirs.
@@ -111,12 +112,14 @@ def contacts_of(
         that it is there
     elsewhere : (2, 2) m², second moment of the other places where a disc may as well be
     discs : only of so many of the first contacts
+    ways : (m, L n) what readings change by with D of these and of others; None: of each contact by itself
     """
     if not len(fit.unknowns.contacts[:discs]):
         return [], np.empty(0, int)
     group = group[:discs]
     # what is wrong with D of each contact bends all that is fitted
-    bent = IMPEDANCE_FLOOR * fit.equations.by_ways
+    bent = fit.equations.by_ways if ways is None else fit.equations.response(ways)
+    bent = IMPEDANCE_FLOOR * bent
     covariance = fit.covariance * fit.doubt + bent @ bent.T
     certainties = _certainties(fit, covariance, group)
     for each in np.unique(group[certainties < _CERTAIN**2]):

@@ -46,7 +46,11 @@ def contacts_of_shape(
     each disc and cell is part of."""
     cells, alone = _Cells(fit, law), fit.unknowns.alone
     aside = np.diag([(BESIDE * cells.side) ** 2] * 2 + [0.0])
-    discs, of = contacts_of(fit, group, law, lambda _: 0.0, lambda _: aside, alone)
+    wide = [
+        cells.ways[alone:][group[alone:] == each].sum(axis=0) for each in np.unique(group[alone:])
+    ]
+    ways = np.vstack([cells.ways[:alone], wide])
+    discs, of = contacts_of(fit, group, law, lambda _: 0.0, lambda _: aside, alone, ways)
     shapes = [
         (each, *cells.together(np.flatnonzero(group[alone:] == each)))
         for each in np.unique(group[alone:])
@@ -80,7 +84,7 @@ class _Cells:
         by_ways = [prediction.force_by_impedance(i, law.exponent) for i in cells]
         self._by_ways = self.forces * np.array(by_ways)
         self._covariance = fit.covariance[np.ix_(self._at, self._at)] * fit.doubt
-        self._ways = prediction.way_columns()[cells]
+        self.ways = prediction.way_columns()
         self._uneven = fit.equations.unevenness(fit)
 
     def together(self, which: np.ndarray) -> tuple[Contact, np.ndarray]:
@@ -97,7 +101,7 @@ class _Cells:
         aside = (self._places[which] - place) / force
         slopes[1:, which] = (self._slopes[which][:, None] * aside).T
         # what is wrong with D of all its cells alike bends all that is fitted
-        bent = fit.equations.response(self._ways[which].sum(axis=0)[None])[:, 0]
+        bent = fit.equations.response(self.ways[self._which[which]].sum(axis=0)[None])[:, 0]
         bent = IMPEDANCE_FLOOR * bent[self._at]
         covariance = self._covariance + np.outer(bent, bent)
         spread = slopes @ covariance @ slopes.T

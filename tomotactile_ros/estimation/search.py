@@ -659,7 +659,10 @@ class Search(Fits):
     def _narrow(self, cells: Fit) -> list[tuple[np.ndarray, Unknowns]]:
         """`_parts_of` cells that discs or ellipses may stand for, as narrow as contacts may be; cells make these wider by
         their own side."""
-        parts, usual = self._parts_of(cells), cells.prior.radius * np.exp(_SMALL * cells.prior.spread)
+        parts, usual = (
+            self._parts_of(cells),
+            cells.prior.radius * np.exp(_SMALL * cells.prior.spread),
+        )
         side = np.sqrt(np.pi) * np.exp(cells.unknowns.contacts[-1, RADIUS]) if parts else 0.0
         most = np.log(np.hypot(usual, side))
         forms = (one.contacts[0, RADIUS:] for _, one in parts)

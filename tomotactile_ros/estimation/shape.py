@@ -56,8 +56,11 @@ _LACKING = 1.1  # the same of what conducted by itself, from which on all cells 
 # chi^2 from which on sheet and channels are fitted: on even sheets cells alone leave 1.0 to 1.2,
 # and with 1.25 discs on a bent sheet were likelier than one ring of five
 _POOR = 1.05
-_SETTLED = 1.0  # of the cost: a step that gains less is the last
+_SETTLED = 3.0  # of the cost: a step that gains less is the last
 _ROUNDING = 1e-10  # of the diagonal of the normal matrix of a step
+# the same from where earlier rows ended: what cells exchange with their neighbours hardly shows and is not linear; undamped
+# half of the steps at rest led to a higher cost
+_LASTS = 0.05
 _SADDLE = 0.5  # of the lower of two peaks: what presses at least between parts of one contact
 _ABOVE = 1e-3  # of the strongest: cells that conduct more are not at their bound
 
@@ -185,16 +188,24 @@ def certainty(covariance: np.ndarray, which: np.ndarray) -> float:
 
 
 def at_rest(fit: Fit, threshold: float, known: Equations | None) -> Fit:
-    """`whole` of the cells of `fit` as they are by now, by the equations `known` of an earlier fit of them where these
-    serve."""
-    if known is None or not known.serves(fit.core):
-        return whole(_descended(fit, _STEPS, Contacts), threshold, known)
+    """The best fit of the shape that `fit` has, all of whose cells last, what they conduct in these rows or not; that of
+    `whole` if it leaves more over than noise does. `known` : equations of an earlier fit."""
     linearised = _Linearised(known)
-    found = _descended(fit, _WHOLE, linearised)
-    if not known.serves(found.core) or found.chi_squared > _LACKING * found.rows.count:
+    found = _descended(fit, _WHOLE, linearised, _LASTS)
+    if found.chi_squared > _LACKING * found.rows.count:
         return whole(found, threshold, linearised.known)
-    found.covariance, found.equations, found.steps = Linear(found, known).covariance(), known, 1
-    return found
+    linear = linearised(found)
+    out = _of_those_that_conduct(found)
+    found.equations = linear.equations
+    if out is not found:
+        linear = Linear(out, linear.equations)
+    out.covariance, out.equations, out.steps, out.lasting = (
+        linear.covariance(),
+        linear.equations,
+        1,
+        found,
+    )
+    return out
 
 
 def from_cells(fit: Fit, known: Equations | None = None) -> Fit:
@@ -254,8 +265,11 @@ def occam(fit: Fit, doubt: float) -> float:
     return float(narrower - 2 * np.log(2) * np.count_nonzero(_conduct(strengths)))
 
 
-def _descended(fit: Fit, steps: int, linearised: Callable[[Fit], Contacts]) -> Fit:
-    """The best fit from one of cells on, by steps of what `linearised` (a fit) has.
+def _descended(
+    fit: Fit, steps: int, linearised: Callable[[Fit], Contacts], damping: float = _ROUNDING
+) -> Fit:
+    """The best fit from one of cells on, by steps of what `linearised` (a fit) has, with that `damping` of cells, of the
+    diagonal of the normal matrix.
 
     Of the cells alone what the sensor leaves over is doubted, as in `solver.approach`.
     """
@@ -264,7 +278,7 @@ def _descended(fit: Fit, steps: int, linearised: Callable[[Fit], Contacts]) -> F
     for _ in range(steps):
         at = fit.weighed(replace(rows, weights=rows.weights / fit.doubt)) if alone else fit
         settled = _SETTLED * (1.0 if alone else fit.doubt)
-        better, promised = _better(at, linearised(at), settled)
+        better, promised = _better(at, linearised(at), settled, damping)
         if better is None:
             break
         work += better.prediction.size
@@ -276,12 +290,12 @@ def _descended(fit: Fit, steps: int, linearised: Callable[[Fit], Contacts]) -> F
     return fit
 
 
-def _better(fit: Fit, linear: Contacts, settled: float) -> tuple[Fit | None, float]:
+def _better(fit: Fit, linear: Contacts, settled: float, damping: float) -> tuple[Fit | None, float]:
     """The fit after a step of `linear`, as much of it as lowers the cost, and by how much the linear model says; None
     where that is less than `settled`, or nothing does."""
     alone, cells = fit.unknowns.alone, columns(fit)[fit.unknowns.alone :]
     before = _of_cells(fit)
-    along = _step(linear, cells, before)
+    along = _step(linear, cells, before, damping)
     promised = float(along @ (2 * linear.right - linear.normal @ along)) + linear.beside
     if promised < settled:
         return None, promised
@@ -298,9 +312,9 @@ def _better(fit: Fit, linear: Contacts, settled: float) -> tuple[Fit | None, flo
     return None, promised
 
 
-def _step(linear: Contacts, cells: np.ndarray, strengths: np.ndarray) -> np.ndarray:
-    """(P,) changes of all parameters that minimise the linearised cost, none of which takes the conductances
-    `strengths` (m,), S, of `cells` below 0; these in parts of what they are."""
+def _step(linear: Contacts, cells: np.ndarray, strengths: np.ndarray, damping: float) -> np.ndarray:
+    """(P,) changes of all parameters that minimise the linearised cost, damped (Marquardt 1963), none of which takes the
+    conductances `strengths` (m,), S, of `cells` below 0; these in parts of what they are."""
     units = np.ones(len(linear.normal))
     units[cells] = 1 / strengths
     normal = linear.normal * np.outer(units, units)
@@ -312,7 +326,7 @@ def _step(linear: Contacts, cells: np.ndarray, strengths: np.ndarray) -> np.ndar
         factor = cho_factor(normal[np.ix_(rest, rest)])
         own = own - mixed @ cho_solve(factor, mixed.T)
         along = along - mixed @ cho_solve(factor, right[rest])
-    own = own + _ROUNDING * np.diag(own.diagonal())
+    own = own + damping * np.diag(own.diagonal())
     step = compiled.non_negative(own, own @ strengths + along) - strengths
     out = np.empty(len(right))
     out[cells] = step / strengths
