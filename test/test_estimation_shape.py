@@ -146,6 +146,17 @@ def test_the_pressure_of_a_contact_joined_of_several_is_force_over_area():
     assert contact.pressure * contact.area == pytest.approx(contact.force, rel=1e-3)
 
 
+def test_an_l_on_a_worn_sensor_is_one_contact():
+    """Its arms, two ellipses whose ends lie on each other, were two contacts: they are far apart from centre to centre."""
+    scene = replace(load_scene("l-shape"), defects=load_scene("worn-sensor").defects)
+    layout = load_layout("equal-8x8")
+    pipeline = Pipeline(layout, Settings("accurate", contact_law=scene.contact_law))
+    result = pipeline.process(Simulator(layout, scene).measure(0.1, 0))
+    score = score_frame(result.contacts, scene.truth(0.1))
+    assert score.true == 1 and not score.ghosts and not score.missed
+    assert score.place.max() < 2e-3 and score.force.max() < 0.15
+
+
 @pytest.mark.parametrize("profile", ["balanced", "accurate"])
 def test_an_l_on_sixteen_electrodes_is_one_contact_from_the_first_frame_on(profile):
     layout, scene = load_layout("equal-4x4"), load_scene("l-shape")

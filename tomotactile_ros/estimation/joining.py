@@ -17,8 +17,9 @@ from collections.abc import Callable
 
 import numpy as np
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial.distance import cdist
 
-from tomotactile_ros.estimation.arrangement import LONG, chosen, with_cells
+from tomotactile_ros.estimation.arrangement import are_long, chosen, with_cells
 from tomotactile_ros.estimation.equations import Linear
 from tomotactile_ros.estimation.fit import Fit
 from tomotactile_ros.estimation.forward import Unknowns
@@ -38,6 +39,7 @@ TOUCHING = 1.15
 _SADDLE = 0.5
 _SURE = 3.0  # standard deviations: what lies within may be
 _FAINT = 1e-2  # of what would fill a gap: where the derivative is taken
+_RIM = 90  # points of a rim: some mm from each other where a contact is as long as a hand
 _NARROW = 0.5  # spacings: wider gaps, and those wider than the narrower disc, show to first order
 
 
@@ -57,6 +59,13 @@ def groups(
     touching = _nearest(fit) < most + most.T
     reach = reach + reach.T
     gaps = _apart(contacts) - reach
+    long = are_long(contacts)
+    for i, j in np.argwhere(np.triu(long[:, None] | long, 1)):
+        gap = cdist(_rim(contacts[i], bars[i]), _rim(contacts[j], bars[j])).min()
+        gaps[i, j] = gaps[j, i] = min(gaps[i, j], gap)
+        narrow = sum(np.exp(contacts[[i, j], RADIUS] - np.hypot(*contacts[[i, j], STRETCH:].T)))
+        touching[i, j] |= gap < (TOUCHING - 1) * narrow
+        touching[j, i] = touching[i, j]
     beside = np.triu(gaps < fit.operator.pitch, 1)
     if known is not None:
         press = np.triu(_press(fit, known), 1)[: fit.unknowns.alone]
@@ -68,7 +77,6 @@ def groups(
     if known is not None:
         # of discs in the place of parts of a shape it was asked before whether they are one
         near = _between(near[near[:, 1] >= fit.unknowns.alone], gaps, known)
-    long = np.hypot(*contacts[:, STRETCH:].T) > LONG
     if (len(contacts) > 2 or long.any()) and len(near):
         may_be = _filled(fit, near)
         for i, j in near[may_be]:
@@ -121,6 +129,17 @@ def _reaches(contacts: np.ndarray, bars: np.ndarray) -> np.ndarray:
     return apart / np.maximum(lengths, 1e-12)
 
 
+def _rim(contact: np.ndarray, bar: bool) -> np.ndarray:
+    """(m, 2) m, points all along the rim of a contact (6,), a rectangle if it is a `bar`."""
+    angles = np.linspace(0.0, 2 * np.pi, _RIM, endpoint=False)
+    rim, shape = np.stack([np.cos(angles), np.sin(angles)], axis=-1), np.array(stretch(contact))
+    shape = shape.reshape(2, 2)
+    if bar:
+        rim *= np.sqrt(np.pi) / 2 / np.abs(rim).max(axis=1, keepdims=True)
+        shape = shape @ np.linalg.eigh(shape)[1]
+    return contact[:2] + rim @ shape.T
+
+
 def _nearest(fit: Fit) -> np.ndarray:
     """(k, k) distances of the contacts of a fit, m: the least of those before, amid and after the
     rows, if they move. Discs that come to touch each other have never been two things."""
@@ -170,5 +189,5 @@ def _filled(fit: Fit, pairs: np.ndarray) -> np.ndarray:
     left = linear.normal[last, last] - np.einsum("rl,rl->l", mixed, back)
     right = linear.right[last] - linear.right[rest] @ back
     found = 1 + right / left  # in parts of what it began with
-    deviation = np.sqrt(fit.doubt / left)
+    deviation = np.sqrt(max(fit.chi_squared / fit.rows.count, 1.0) / left)
     return (found + _SURE * deviation) * _FAINT > 1.0

@@ -360,7 +360,7 @@ class Search(Fits):
     def allows(self, contacts: Unknowns, fit: Fit, fewer: bool) -> bool:
         """Whether the readings of a fit allow other contacts as well, all that is free fitted anew;
         `fewer` : or do not ask for one contact more than those."""
-        limit = fit.cost + (self._threshold if fewer else _EXCLUDED) * fit.doubt
+        limit = fit.cost + (self._threshold if fewer else _EXCLUDED) * _left(fit)
         # to the end: neighbours give way slowly
         start = Fit(self.operator, self._coarse(contacts), fit.rows, fit.prior)
         if contacts.bond is not None:
@@ -628,7 +628,7 @@ class Search(Fits):
             begun, shape = again, whole(again, self._threshold)
         while shape.unknowns.bond is not None:
             tries = [begun, *self._of_long(begun, shape)]
-            best = min(tries, key=partial(self._evidence_of, _left(shape)))
+            best = min(tries, key=partial(self._evidence_of, shape.doubt))
             if best is begun:
                 break
             begun, shape = best, whole(best, self._threshold)
@@ -876,7 +876,8 @@ class Search(Fits):
         """Whether a `shape`, the last one of `_whole`, has more evidence than discs of a `cost` with as many
         parameters `free` (k, 6)."""
         assert self._finished is not None
-        doubt = max(min(cost, shape.chi_squared) / shape.rows.count, 1.0)
+        excess = min(cost, shape.chi_squared) - shape.rows.count
+        doubt = 1.0 + max(excess, 0.0) / self.operator.count
         discs = cost / doubt + self._threshold * np.count_nonzero(free) / _FORM
         return bool(self._evidence(shape, self._finished[1], doubt) < discs)
 
