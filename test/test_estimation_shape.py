@@ -9,7 +9,7 @@ import pytest
 from tomotactile_ros.bench.sensor.readings import Wiring, potentials, readings, untouched
 from tomotactile_ros.bench.sensor.states import states
 from tomotactile_ros.bench.sensor.trial import presses
-from tomotactile_ros.bench.trials import DRIVE, LAW, NOISE
+from tomotactile_ros.bench.trials import DRIVE, LAW, NOISE, make_pipeline, make_scene
 from tomotactile_ros.estimation.arrangement import resting, with_cells, with_disc
 from tomotactile_ros.estimation.equations import Contacts
 from tomotactile_ros.estimation.estimator import Estimator
@@ -20,6 +20,7 @@ from tomotactile_ros.estimation.shape import Lattice
 from tomotactile_ros.evaluation.scoring import score_frame
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.reconstruction import Pipeline, Settings
+from tomotactile_ros.scenes import contact
 from tomotactile_ros.scenes.scene import load_scene
 from tomotactile_ros.simulation import Simulator
 
@@ -155,6 +156,23 @@ def test_an_l_on_a_worn_sensor_is_one_contact():
     score = score_frame(result.contacts, scene.truth(0.1))
     assert score.true == 1 and not score.ghosts and not score.missed
     assert score.place.max() < 2e-3 and score.force.max() < 0.15
+
+
+@pytest.mark.parametrize("turned", [1.1, 4.2])
+def test_a_snake_is_one_contact(turned):
+    """It was three to six contacts, each with a part of the force, and nothing was left over."""
+    along = np.linspace(-0.055, 0.055, 30)
+    middle = np.stack([along, 0.015 * np.sin(2 * np.pi * along / 0.11)], axis=-1)
+    rim = np.vstack([middle + [0.0, 0.004], (middle - [0.0, 0.004])[::-1]])
+    across = np.array([[np.cos(turned), -np.sin(turned)], [np.sin(turned), np.cos(turned)]])
+    snake = contact.Contact("polygon", points=tuple(map(tuple, rim @ across.T)), pressure=2e4)
+    layout, scene = load_layout("equal-8x8"), make_scene([snake])
+    result = make_pipeline(layout).process(
+        Simulator(layout, scene).frame(0.5, 0), np.arange(layout.electrodes), DRIVE
+    )
+    score = score_frame(result.contacts, scene.truth(0.5))
+    assert score.true == 1 and not score.ghosts and not score.missed
+    assert score.place.max() < 1e-3 and score.force.max() < 0.1
 
 
 @pytest.mark.parametrize("profile", ["balanced", "accurate"])

@@ -575,22 +575,38 @@ class Search(Fits):
             found = self._split(found, self._solve)
             for which in range(len(found.unknowns.contacts)):
                 found = self._other_sizes(found, which)
+            if shape is None and self._form_matters(found):
+                found = self._formed(found)
+        things = self._things(found)
+        several = len(found.unknowns.contacts) > 1
+        doubtful = (
+            several
+            and are_long(found.unknowns.contacts).any()
+            or things < len(found.unknowns.contacts)
+        )
+        poor = found.chi_squared > _POOR * found.rows.count
+        if shape is None and (doubtful or (self._falls_short(found) if wide else poor)):
+            shape = self._whole(cells)
         if shape is not None:
-            if self._is_likelier(shape, found) or self._is_part_of(found, shape):
-                return shape
+            return shape if self._is_no_worse(shape, found, things) else found
+        if not poor:
             return found
-        either = self._shape_or(cells, found) if wide else None
-        if either is not None or found.chi_squared < _POOR * found.rows.count:
-            return either or found
         near = self._near(self._as_discs(seen, rest), rest)
         return self._likelier(found, self._as_few(near, start.look, rest))
 
-    def _is_part_of(self, found: Fit, shape: Fit) -> bool:
-        """Whether discs that were `found` are joined to one thing or more, which a `shape` explains: they are no better
-        than that."""
-        if shape.chi_squared > _NEAR * shape.rows.count:
-            return False
-        return joined(found, self.allows).max() + 1 < len(found.unknowns.contacts)
+    def _things(self, found: Fit) -> int:
+        """How many contacts the discs of a fit are."""
+        return int(joined(found, self.allows).max(initial=-1)) + 1
+
+    def _is_no_worse(self, shape: Fit, found: Fit, things: int) -> bool:
+        """Whether a `shape` is likelier than the discs that were `found`, or explains as well the few `things` that these
+        are parts of."""
+        explains_them = (
+            things < len(found.unknowns.contacts) and shape.chi_squared < _NEAR * shape.rows.count
+        )
+        if explains_them and self.parts(shape).max() < things:
+            return True
+        return self._is_likelier(shape, found)
 
     def _shape_or(self, cells: Fit, found: Fit) -> Fit | None:
         """Of cells and discs `found` what is likelier; None where the former are unlikely, and the discs fall

@@ -138,6 +138,7 @@ def whole(fit: Fit, threshold: float, known: Equations | None = None) -> Fit:
         return solve(fit.operator, fit.unknowns, fit.rows, fit.prior, known=known, at=fit)
     linearised = _Linearised(known)
     conducting = _of_those_that_conduct(fit)
+    conducting.lasting = fit
     found = _with_sensor(conducting, linearised)
     if conducting is not fit and found.chi_squared > _LACKING * found.rows.count:
         # some of those that had nothing to explain while the sensor was held may conduct
@@ -145,6 +146,8 @@ def whole(fit: Fit, threshold: float, known: Equations | None = None) -> Fit:
     fit = found
     linear = linearised(fit)
     fit.covariance, fit.equations, fit.steps = linear.covariance(), linear.equations, 1
+    if fit.lasting is not fit:
+        fit.lasting.equations = linearised(fit.lasting).equations
     certain = _certain(fit, threshold * fit.doubt)
     return fit if certain.all() else whole(_only(fit, certain), threshold, fit.equations)
 
@@ -154,7 +157,10 @@ def _with_sensor(fit: Fit, linearised: _Linearised) -> Fit:
     than noise does, without those that do not conduct."""
     if fit.chi_squared < _POOR * fit.rows.count:
         return fit
-    return _of_those_that_conduct(_descended(fit, _WHOLE, linearised))
+    found = _descended(fit, _WHOLE, linearised)
+    out = _of_those_that_conduct(found)
+    out.lasting = found
+    return out
 
 
 class _Linearised:
@@ -340,8 +346,10 @@ def groups(fit: Fit, most: float, following: bool = False) -> np.ndarray:
     is what can be told of them, else it is as it is there, for parts to begin a search with.
 
     Cells are taken in the order of their conductances; a cell beside two contacts keeps them apart
-    where it costs `most` or more that it conducts half of what the lower peak does.
+    where it costs `most` or more that it conducts half of what the lower peak does, those of `lasting` that conduct
+    nothing too.
     """
+    own, fit = fit, fit.lasting
     alone = fit.unknowns.alone
     cells, strengths = fit.unknowns.contacts[alone:], _of_cells(fit)
     costs = _costs_of_more(fit, strengths, following)
@@ -361,7 +369,11 @@ def groups(fit: Fit, most: float, following: bool = False) -> np.ndarray:
             wanted = _SADDLE * strengths[peaks[other]]
             if costs(cell, wanted) < most:
                 group[group == other] = main
-    return np.append(np.arange(alone), alone + np.unique(group, return_inverse=True)[1])
+    group = np.append(np.arange(alone), alone + group)
+    if own is not fit:
+        every, here = (each.unknowns.contacts[:, :2] for each in (fit, own))
+        group = group[cdist(here, every).argmin(axis=1)]
+    return np.unique(group, return_inverse=True)[1]
 
 
 def _costs_of_more(
