@@ -130,6 +130,21 @@ def test_a_hand_that_rests_stays_what_it_is():
     assert score.place.max() < 1e-3 and score.force.max() < 0.15
 
 
+def test_deviations_of_a_shape_whose_cells_begin_to_conduct():
+    """They were told by equations of the frame before, in which some cells conducted nothing: 1 m, and a plate that
+    crept was withheld as too small to say where it is."""
+    layout, pipeline = load_layout("equal-8x8"), None
+    for k in range(13):
+        plate = contact.Contact(
+            "rectangle", (1e-4 * k - 0.03, 0.01), size=(0.06, 0.045), angle=20, pressure=12e3
+        )
+        scene = make_scene([plate], seed=k)
+        pipeline = pipeline or make_pipeline(layout)
+        voltages = Simulator(layout, scene).frame(0.5, k)
+        (found,) = pipeline.process(voltages, np.arange(layout.electrodes), DRIVE).contacts
+        assert max(found.position_covariance) < 1e-6 and found.force_std < 0.1 * found.force
+
+
 def test_a_ring_is_one_contact_after_an_untouched_frame():
     """Frames of the untouched sheet bent the sheet that the ring was explained with: four ghosts in
     five presses."""

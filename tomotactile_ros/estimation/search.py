@@ -207,10 +207,14 @@ class Search(Fits):
         return self._simplified(fit)
 
     def _reshaped(self, start: Fit, usual: float) -> Fit:
-        """The fit of a shape from `start` on, or from the beginning if that is far off."""
-        if start.chi_squared > MISFIT * usual * start.rows.count:
-            return self._first(self._at_rest(start.rows, start.prior))
-        return at_rest(start, self._threshold, self._known)
+        """The fit of a shape from `start` on, or from the beginning if its cells alone do not explain what has changed:
+        the sensor is the same."""
+        most, found = MISFIT, None
+        if start.chi_squared > most * usual * start.rows.count:
+            start, most = from_cells(start), LEFT_OVER
+        if start.chi_squared < most * usual * start.rows.count:
+            found = at_rest(start, self._known, usual)
+        return found or self._first(self._at_rest(start.rows, start.prior))
 
     def _continued(self, start: Fit, usual: float) -> Fit:
         """The fit from `start` on, or from what a first look shows where that is nearer to the
@@ -553,8 +557,8 @@ class Search(Fits):
 
     def _as_shape(self, cells: Fit, rest: Fit, start: Start) -> Fit:
         """The likeliest of what `cells` alone explain nearly: discs and ellipses in the place of all parts, or what
-        `start` has beside them, if these explain the readings, or themselves, with the sensor and with discs in the
-        place of small parts."""
+        `start` has beside them, if these explain the readings and are no parts of one thing, or themselves, with the
+        sensor and with discs in the place of small parts."""
         seen, discs, shape = start.look.contacts(), start.discs, None
         if discs is None and len(seen) * rest.rows.count < _CHEAP:
             discs = self._near(self._as_discs(seen, rest), rest)
@@ -577,13 +581,8 @@ class Search(Fits):
                 found = self._other_sizes(found, which)
             if shape is None and self._form_matters(found):
                 found = self._formed(found)
-        things = self._things(found)
-        several = len(found.unknowns.contacts) > 1
-        doubtful = (
-            several
-            and are_long(found.unknowns.contacts).any()
-            or things < len(found.unknowns.contacts)
-        )
+        things, count = self._things(found), len(found.unknowns.contacts)
+        doubtful = things < count or (count > 1 and are_long(found.unknowns.contacts).any())
         poor = found.chi_squared > _POOR * found.rows.count
         if shape is None and (doubtful or (self._falls_short(found) if wide else poor)):
             shape = self._whole(cells)

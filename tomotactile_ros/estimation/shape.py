@@ -144,7 +144,7 @@ def whole(fit: Fit, threshold: float, known: Equations | None = None) -> Fit:
         # some of those that had nothing to explain while the sensor was held may conduct
         found = min(found, _with_sensor(fit, linearised), key=lambda each: each.cost)
     fit = found
-    linear = linearised(fit)
+    linear = Linear(fit, linearised.known, anew=True)
     fit.covariance, fit.equations, fit.steps = linear.covariance(), linear.equations, 1
     if fit.lasting is not fit:
         fit.lasting.equations = linearised(fit.lasting).equations
@@ -193,18 +193,17 @@ def certainty(covariance: np.ndarray, which: np.ndarray) -> float:
     return float(np.linalg.inv(covariance[which][:, which]).sum())
 
 
-def at_rest(fit: Fit, threshold: float, known: Equations | None) -> Fit:
-    """The best fit of the shape that `fit` has, all of whose cells last, what they conduct in these rows or not; that of
-    `whole` if it leaves more over than noise does. `known` : equations of an earlier fit."""
+def at_rest(fit: Fit, known: Equations | None, usual: float) -> Fit | None:
+    """The best fit of the shape that `fit` has, all of whose cells last, what they conduct in these rows or not; None
+    where it leaves more over than the `usual` chi-squared a reading of fits before. `known` : equations of one of these."""
     linearised = _Linearised(known)
     found = _descended(fit, _WHOLE, linearised, _LASTS)
-    if found.chi_squared > _LACKING * found.rows.count:
-        return whole(found, threshold, linearised.known)
-    linear = linearised(found)
+    if found.chi_squared > _LACKING * usual * found.rows.count:
+        return None
+    found.equations = linearised(found).equations
     out = _of_those_that_conduct(found)
-    found.equations = linear.equations
-    if out is not found:
-        linear = Linear(out, linear.equations)
+    # other equations may be those of cells that conducted nothing
+    linear = Linear(out, linearised.known, anew=True)
     out.covariance, out.equations, out.steps, out.lasting = (
         linear.covariance(),
         linear.equations,
