@@ -581,6 +581,8 @@ class Search(Fits):
                 found = self._other_sizes(found, which)
             if shape is None and self._form_matters(found):
                 found = self._formed(found)
+        if shape is not None and self._is_likelier(shape, found):
+            return shape
         things, count = self._things(found), len(found.unknowns.contacts)
         doubtful = things < count or (count > 1 and are_long(found.unknowns.contacts).any())
         poor = found.chi_squared > _POOR * found.rows.count
