@@ -345,10 +345,8 @@ def groups(fit: Fit, most: float, following: bool = False) -> np.ndarray:
     is what can be told of them, else it is as it is there, for parts to begin a search with.
 
     Cells are taken in the order of their conductances; a cell beside two contacts keeps them apart
-    where it costs `most` or more that it conducts half of what the lower peak does, those of `lasting` that conduct
-    nothing too.
+    where it costs `most` or more that it conducts half of what the lower peak does.
     """
-    own, fit = fit, fit.lasting
     alone = fit.unknowns.alone
     cells, strengths = fit.unknowns.contacts[alone:], _of_cells(fit)
     costs = _costs_of_more(fit, strengths, following)
@@ -368,11 +366,7 @@ def groups(fit: Fit, most: float, following: bool = False) -> np.ndarray:
             wanted = _SADDLE * strengths[peaks[other]]
             if costs(cell, wanted) < most:
                 group[group == other] = main
-    group = np.append(np.arange(alone), alone + group)
-    if own is not fit:
-        every, here = (each.unknowns.contacts[:, :2] for each in (fit, own))
-        group = group[cdist(here, every).argmin(axis=1)]
-    return np.unique(group, return_inverse=True)[1]
+    return np.append(np.arange(alone), alone + np.unique(group, return_inverse=True)[1])
 
 
 def _costs_of_more(
