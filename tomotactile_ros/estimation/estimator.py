@@ -494,7 +494,7 @@ class Estimator:
             unknowns = as_known(unknowns, prior if state.sensor is None else state.sensor.unknowns)
         elif len(unknowns.contacts):
             state.sensor = fit
-        state.unknowns, state.equations, state.used = unknowns, fit.lasting.equations, used
+        state.unknowns, state.equations, state.used = unknowns, fit.equations, used
         state.misfit = max(1.0, fit.chi_squared / fit.rows.count)
         state.needed = fit.needed
         state.refused = fit.promised if len(fit.rows.grounded) == len(rows.grounded) else 0.0

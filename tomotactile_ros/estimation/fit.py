@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -65,7 +64,7 @@ class Fit:
 
     @lasting.setter
     def lasting(self, other: Fit) -> None:
-        self._lasting = other
+        self._lasting = None if other is self else other
 
     @cached_property
     def prediction(self) -> Any:
@@ -79,11 +78,6 @@ class Fit:
         """The same point as one of `rows` that differ in their weights only."""
         weighed = self.core.weighed(rows.core)
         return Fit(self.operator, self.unknowns, rows, self.prior, core=weighed)
-
-    def freed(self, free: np.ndarray) -> Fit:
-        """The same point with other parameters of the contacts `free` (k, 6)."""
-        freed = replace(self.unknowns, free=free)
-        return Fit(self.operator, freed, self.rows, self.prior, self.prediction)
 
     def of(self, unknowns: Unknowns, rows: Rows, prior: Prior) -> Fit:
         """The fit of `unknowns` and other rows: what is predicted is only worked out where it is not the

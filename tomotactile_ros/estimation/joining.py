@@ -23,7 +23,7 @@ from tomotactile_ros.estimation.arrangement import are_long, chosen, with_cells
 from tomotactile_ros.estimation.equations import Linear
 from tomotactile_ros.estimation.fit import Fit
 from tomotactile_ros.estimation.forward import Unknowns
-from tomotactile_ros.estimation.reported import told
+from tomotactile_ros.estimation.reported import are_bare
 from tomotactile_ros.estimation.shape import columns
 from tomotactile_ros.estimation.touch import (
     CONDUCTANCE,
@@ -178,13 +178,6 @@ def _with_fillings(fit: Fit, pairs: np.ndarray, part: float = 1.0) -> Unknowns:
     return with_cells(discs, chosen(u, order >= u.alone))
 
 
-def _are_bare(fit: Fit) -> np.ndarray:
-    """(k,) which contacts conduct as bare conductors do: of how these share a current readings tell little, and what
-    the model errs at their rims all readings of an electrode have in common."""
-    each = zip(fit.prediction.conductances, fit.prediction.means)
-    return np.array([told(g, mean, fit.operator.resistance)[1] for g, mean in each], bool)
-
-
 def _filled(fit: Fit, pairs: np.ndarray) -> np.ndarray:
     """(m,) whether something may press between the discs `pairs` (m, 2), to first order."""
     tried, alone = _with_fillings(fit, pairs, _FAINT), fit.unknowns.alone
@@ -197,6 +190,7 @@ def _filled(fit: Fit, pairs: np.ndarray) -> np.ndarray:
     left = linear.normal[last, last] - np.einsum("rl,rl->l", mixed, back)
     right = linear.right[last] - linear.right[rest] @ back
     found = 1 + right / left  # in parts of what it began with
-    doubt = np.where(_are_bare(fit)[pairs].any(axis=1), fit.doubt, fit.chi_squared / fit.rows.count)
+    # of how bare ones share a current readings tell little, and the model errs at their rims
+    doubt = np.where(are_bare(fit)[pairs].any(axis=1), fit.doubt, fit.chi_squared / fit.rows.count)
     deviation = np.sqrt(np.maximum(doubt, 1.0) / left)
     return (found + _SURE * deviation) * _FAINT > 1.0

@@ -241,6 +241,12 @@ def told(conductance: float, mean: float, resistance: float) -> tuple[float, boo
     return min(float(conductance), most), bool(conductance > most)
 
 
+def are_bare(fit: Fit) -> np.ndarray:
+    """(k,) which contacts of a fit are bare conductors, by `told`."""
+    each = zip(fit.prediction.conductances, fit.prediction.means)
+    return np.array([told(g, mean, fit.operator.resistance)[1] for g, mean in each], bool)
+
+
 def crowded(conductance: float, resistance: float) -> float:
     """What is not known of the force of a contact of `conductance`, S, because its current crowds on a
     sheet of `resistance`, ohm/sq: relative standard deviation."""

@@ -53,7 +53,7 @@ from tomotactile_ros.estimation.one_state import (
 )
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
-from tomotactile_ros.estimation.reported import told
+from tomotactile_ros.estimation.reported import are_bare
 from tomotactile_ros.estimation.shape import (
     Shapes,
     at_rest,
@@ -588,8 +588,11 @@ class Search(Fits):
         poor = found.chi_squared > _POOR * found.rows.count
         if shape is None and (doubtful or (self._falls_short(found) if wide else poor)):
             shape = self._whole(cells)
+            if shape is not None and self._is_likelier(shape, found):
+                return shape
         if shape is not None:
-            return shape if self._is_no_worse(shape, found, things) else found
+            as_few = things < count and shape.chi_squared < _NEAR * shape.rows.count
+            return shape if as_few and self.parts(shape).max() < things else found
         if not poor:
             return found
         near = self._near(self._as_discs(seen, rest), rest)
@@ -598,16 +601,6 @@ class Search(Fits):
     def _things(self, found: Fit) -> int:
         """How many contacts the discs of a fit are."""
         return int(joined(found, self.allows).max(initial=-1)) + 1
-
-    def _is_no_worse(self, shape: Fit, found: Fit, things: int) -> bool:
-        """Whether a `shape` is likelier than the discs that were `found`, or explains as well the few `things` that these
-        are parts of."""
-        explains_them = (
-            things < len(found.unknowns.contacts) and shape.chi_squared < _NEAR * shape.rows.count
-        )
-        if explains_them and self.parts(shape).max() < things:
-            return True
-        return self._is_likelier(shape, found)
 
     def _shape_or(self, cells: Fit, found: Fit) -> Fit | None:
         """Of cells and discs `found` what is likelier; None where the former are unlikely, and the discs fall
@@ -626,9 +619,8 @@ class Search(Fits):
         if self._finished is None or self._finished[0] is not cells:
             begun, shape = self._with_parts(cells)
             apart = shape.prior.apart(shape.unknowns) / np.sqrt(shape.doubt)
-            found = zip(shape.prediction.conductances, shape.prediction.means)
-            conduct = [told(g, mean, self.operator.resistance)[1] for g, mean in found]
-            good = shape.unknowns.bond is not None and not any(conduct[shape.unknowns.alone :])
+            bare = are_bare(shape)[shape.unknowns.alone :]
+            good = shape.unknowns.bond is not None and not bare.any()
             good = good and _is_likely(apart, shape.prior)
             self._finished = cells, begun, shape if good else None
         return self._finished[2]
@@ -671,20 +663,18 @@ class Search(Fits):
 
     def _is_wide(self, shape: Fit) -> bool:
         """Whether discs cannot stand for all parts of a shape."""
-        return len(self._narrow(shape)) < len(self._parts_of(shape))
+        return not all(self._is_narrow(one, shape) for _, one in self._parts_of(shape))
 
     def _narrow(self, cells: Fit) -> list[tuple[np.ndarray, Unknowns]]:
-        """`_parts_of` cells that discs or ellipses may stand for, as narrow as contacts may be; cells make these wider by
-        their own side."""
-        parts, usual = (
-            self._parts_of(cells),
-            cells.prior.radius * np.exp(_SMALL * cells.prior.spread),
-        )
-        side = np.sqrt(np.pi) * np.exp(cells.unknowns.contacts[-1, RADIUS]) if parts else 0.0
-        most = np.log(np.hypot(usual, side))
-        forms = (one.contacts[0, RADIUS:] for _, one in parts)
-        narrow = [radius - np.hypot(*stretch) < most for radius, *stretch in forms]
-        return [each for each, is_narrow in zip(parts, narrow) if is_narrow]
+        """`_parts_of` cells that discs or ellipses may stand for."""
+        return [each for each in self._parts_of(cells) if self._is_narrow(each[1], cells)]
+
+    def _is_narrow(self, one: Unknowns, cells: Fit) -> bool:
+        """Whether a part is as narrow as contacts may be; cells make it wider by their own side."""
+        side = np.sqrt(np.pi) * np.exp(cells.unknowns.contacts[-1, RADIUS])
+        most = np.hypot(cells.prior.radius * np.exp(_SMALL * cells.prior.spread), side)
+        radius, *stretch = one.contacts[0, RADIUS:]
+        return bool(radius - np.hypot(*stretch) < np.log(most))
 
     def _parts_of(self, cells: Fit) -> list[tuple[np.ndarray, Unknowns]]:
         """Which cells are a part (k,) bool, and a disc or an ellipse in the place of it, alone; the strongest first."""
@@ -797,9 +787,7 @@ class Search(Fits):
         counts = [np.count_nonzero(fit.unknowns.free) for fit in (fewer, more)]
         extra = (counts[1] - counts[0]) / _FORM
         left = [self._after_a_step(fit) if near else fit.cost for fit in (fewer, more)]
-        doubt = more.doubt_after(more.cost - left[1])
-        if near:
-            doubt = max(min(left) / more.rows.count, 1.0)
+        doubt = max(min(left) / more.rows.count, 1.0) if near else more.doubt
         return more if left[1] < left[0] - extra * self._threshold * doubt else fewer
 
     def _looks_like(self, like: Fit) -> Start | None:

@@ -146,8 +146,6 @@ def whole(fit: Fit, threshold: float, known: Equations | None = None) -> Fit:
     fit = found
     linear = Linear(fit, linearised.known, anew=True)
     fit.covariance, fit.equations, fit.steps = linear.covariance(), linear.equations, 1
-    if fit.lasting is not fit:
-        fit.lasting.equations = linearised(fit.lasting).equations
     certain = _certain(fit, threshold * fit.doubt)
     return fit if certain.all() else whole(_only(fit, certain), threshold, fit.equations)
 
@@ -200,16 +198,11 @@ def at_rest(fit: Fit, known: Equations | None, usual: float) -> Fit | None:
     found = _descended(fit, _WHOLE, linearised, _LASTS)
     if found.chi_squared > _LACKING * usual * found.rows.count:
         return None
-    found.equations = linearised(found).equations
     out = _of_those_that_conduct(found)
+    out.lasting = found
     # other equations may be those of cells that conducted nothing
     linear = Linear(out, linearised.known, anew=True)
-    out.covariance, out.equations, out.steps, out.lasting = (
-        linear.covariance(),
-        linear.equations,
-        1,
-        found,
-    )
+    out.covariance, out.equations, out.steps = linear.covariance(), linear.equations, 1
     return out
 
 
