@@ -146,6 +146,8 @@ def whole(fit: Fit, threshold: float, known: Equations | None = None) -> Fit:
     fit = found
     linear = Linear(fit, linearised.known, anew=True)
     fit.covariance, fit.equations, fit.steps = linear.covariance(), linear.equations, 1
+    if fit.lasting is not fit:
+        fit.lasting.equations = linearised(fit.lasting).equations
     certain = _certain(fit, threshold * fit.doubt)
     return fit if certain.all() else whole(_only(fit, certain), threshold, fit.equations)
 
@@ -198,6 +200,7 @@ def at_rest(fit: Fit, known: Equations | None, usual: float) -> Fit | None:
     found = _descended(fit, _WHOLE, linearised, _LASTS)
     if found.chi_squared > _LACKING * usual * found.rows.count:
         return None
+    found.equations = linearised(found).equations
     out = _of_those_that_conduct(found)
     out.lasting = found
     # other equations may be those of cells that conducted nothing
@@ -338,8 +341,10 @@ def groups(fit: Fit, most: float, following: bool = False) -> np.ndarray:
     is what can be told of them, else it is as it is there, for parts to begin a search with.
 
     Cells are taken in the order of their conductances; a cell beside two contacts keeps them apart
-    where it costs `most` or more that it conducts half of what the lower peak does.
+    where it costs `most` or more that it conducts half of what the lower peak does. Those of `lasting` that
+    conduct nothing are asked as well.
     """
+    own, fit = fit, fit.lasting
     alone = fit.unknowns.alone
     cells, strengths = fit.unknowns.contacts[alone:], _of_cells(fit)
     costs = _costs_of_more(fit, strengths, following)
@@ -359,7 +364,11 @@ def groups(fit: Fit, most: float, following: bool = False) -> np.ndarray:
             wanted = _SADDLE * strengths[peaks[other]]
             if costs(cell, wanted) < most:
                 group[group == other] = main
-    return np.append(np.arange(alone), alone + np.unique(group, return_inverse=True)[1])
+    group = np.append(np.arange(alone), alone + group)
+    if own is not fit:
+        every, here = (each.unknowns.contacts[:, :2] for each in (fit, own))
+        group = group[cdist(here, every).argmin(axis=1)]
+    return np.unique(group, return_inverse=True)[1]
 
 
 def _costs_of_more(
