@@ -197,8 +197,11 @@ def at_rest(fit: Fit, known: Equations | None, usual: float) -> Fit | None:
     """The best fit of the shape that `fit` has, all of whose cells last, what they conduct in these rows or not; None
     where it leaves more over than the `usual` chi-squared a reading of fits before. `known` : equations of one of these."""
     linearised = _Linearised(known)
-    found = _descended(fit, _WHOLE, linearised, _LASTS)
-    if found.chi_squared > _LACKING * usual * found.rows.count:
+    most = _LACKING * usual * fit.rows.count
+    found = _descended(fit, 1, linearised, _LASTS)
+    if found.chi_squared > most:
+        found = _descended(found, _WHOLE, linearised, _LASTS)
+    if found.chi_squared > most:
         return None
     found.equations = linearised(found).equations
     out = _of_those_that_conduct(found)
