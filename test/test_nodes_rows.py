@@ -3,12 +3,14 @@
 import queue
 import threading
 import time
+from collections import Counter
 
 import pytest
 
 rclpy = pytest.importorskip("rclpy")
 
 from process_support import python
+from rclpy.executors import SingleThreadedExecutor
 
 from tomotactile_ros.msg import VoltageFrame
 from tomotactile_ros.nodes import frame_subscriptions
@@ -65,6 +67,41 @@ def test_rows_behind_which_others_wait_are_skipped(monkeypatch, domain):
         rclpy.shutdown()
     skipped, followed = [("skipped", each) for each in (10, 20)], [30, 45, 50]
     assert got == skipped + [("followed", each) for each in followed]
+
+
+def test_a_frame_that_waits_awakes_no_executor(domain):
+    """While the frame before is worked on, as long as that takes."""
+    rclpy.init(domain_id=domain)
+    node, works, goes_on = rclpy.create_node("frames"), threading.Event(), threading.Event()
+
+    def accept(*_):
+        works.set()
+        goes_on.wait(LONG)
+
+    listening = frame_subscriptions.of_frames(node, accept, print, print)
+    publisher = node.create_publisher(VoltageFrame, "voltage_frame", 1)
+    listening.start()
+    asked = Counter()
+
+    class Executor(SingleThreadedExecutor):
+        def can_execute(self, entity):
+            asked[entity] += 1
+            return super().can_execute(entity)
+
+    executor = Executor()
+    executor.add_node(node)
+    try:
+        while not works.wait(0.1):
+            publisher.publish(rows_at(1))
+        publisher.publish(rows_at(2))
+        executor.spin_once(timeout_sec=1.0)
+    finally:
+        goes_on.set()
+        listening.stop()
+        executor.shutdown()
+        node.destroy_node()
+        rclpy.shutdown()
+    assert max(asked.values()) < 20  # thousands where a waiting message awakes it
 
 
 def test_a_defect_in_the_thread_of_rows_ends_the_node():
