@@ -37,6 +37,9 @@ CROWDING = 0.015
 # of the mean D of a contact: with less resistance of its own it is a bare conductor as far as readings
 # tell, a smaller one that conducts better looks the same; and that D in parts of R_s / 2 pi at least
 BARE, _LEAST_WAY = 0.2, 0.4
+# the same of the middle of one that several discs or cells stand for, in parts of how wide these are (root of their
+# second moment): readings tell its outline, and nothing of how its force is spread within
+SPREAD = 0.25
 BELOW = 2.0  # deviations of a force, which one that is known from below alone is more than that
 ANYWHERE = (
     "the readings are too small to say where they come from: something that hardly presses, or offsets "
@@ -241,6 +244,13 @@ def told(conductance: float, mean: float, resistance: float) -> tuple[float, boo
     return min(float(conductance), most), bool(conductance > most)
 
 
+def spread_within(places: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """(2, 2) m², what is not known of the middle of a bare conductor of parts at `places` (m, 2), m, with `share` (m,)
+    of its area."""
+    aside = places - share @ places
+    return SPREAD**2 * (share[:, None] * aside).T @ aside
+
+
 def are_bare(fit: Fit) -> np.ndarray:
     """(k,) which contacts of a fit are bare conductors, by `told`."""
     each = zip(fit.prediction.conductances, fit.prediction.means)
@@ -297,10 +307,12 @@ def _joined(parts: list[Contact]) -> Contact:
         return parts[0]
     force, areas = np.array([(each.force, each.area) for each in parts]).T
     area = float(areas.sum())
-    share = force / max(force.sum(), 1e-300)
+    share, within = force / max(force.sum(), 1e-300), np.zeros((2, 2))
     if not np.isfinite([each.force_std for each in parts]).all():
         share = areas / area  # of bare conductors readings do not tell who presses more
+        within = spread_within(np.array([(each.x, each.y) for each in parts]), share)
     covariance = sum(s**2 * np.array(each.covariance) for s, each in zip(share, parts))
+    covariance = covariance + within.ravel()
     radius = float(np.sqrt(area / np.pi))
     return Contact(
         float(sum(s * each.x for s, each in zip(share, parts))),

@@ -11,6 +11,7 @@ import numpy as np
 
 from tomotactile_ros.estimation.fit import Fit
 from tomotactile_ros.estimation.reported import (
+    BARE,
     FORCE_FLOOR,
     IMPEDANCE_FLOOR,
     MOST_RELATIVE,
@@ -20,6 +21,7 @@ from tomotactile_ros.estimation.reported import (
     four,
     joined,
     place_floor,
+    spread_within,
     told,
 )
 from tomotactile_ros.estimation.shape import certainty, columns
@@ -115,15 +117,21 @@ class _Cells:
         relative = float(np.sqrt(noise / force**2 + unknown))
         # by what its cells conduct: of nearly bare ones the force is hardly known
         certain = float(np.sqrt(certainty(self._covariance, which)))
-        bare = share[self._bare[which]].sum() > _MOSTLY_BARE
+        mean = self._mean(which)
+        most = 1 / (
+            BARE * max(mean, 1e-300)
+        )  # no cell need be a bare one for all of them to be one together
+        bare = conductance > most or share[self._bare[which]].sum() > _MOSTLY_BARE
         if bare:  # what all its cells together are known to conduct at the least
-            least = told(conductance, self._mean(which), self._sheet)[0] / conductance
+            least = min(told(conductance, mean, self._sheet)[0], most) / conductance
             conductance *= least
             less = least ** (1 / self._exponent)
             force, pressure = force * less, pressure * less
         floor = place_floor(fit, self._uneven) ** 2
         floor += (CELL_PLACE * side * coarse) ** 2
         at = spread[1:, 1:] + floor * np.eye(2)
+        if bare:
+            at = at + spread_within(self._places[which], share)
         contact = Contact(
             float(place[0]),
             float(place[1]),

@@ -614,14 +614,11 @@ class Search(Fits):
 
     def _whole(self, cells: Fit) -> Fit | None:
         """The best fit of `cells` and the sensor, discs in the place of small parts; None where that is unlikely, as
-        what cells leave over is no small part of nearly any readings, or some are bare: of how bare ones share a
-        contact, readings tell nothing."""
+        what cells leave over is no small part of nearly any readings."""
         if self._finished is None or self._finished[0] is not cells:
             begun, shape = self._with_parts(cells)
             apart = shape.prior.apart(shape.unknowns) / np.sqrt(shape.doubt)
-            bare = are_bare(shape)[shape.unknowns.alone :]
-            good = shape.unknowns.bond is not None and not bare.any()
-            good = good and _is_likely(apart, shape.prior)
+            good = shape.unknowns.bond is not None and _is_likely(apart, shape.prior)
             self._finished = cells, begun, shape if good else None
         return self._finished[2]
 
