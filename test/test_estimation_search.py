@@ -248,6 +248,15 @@ def test_a_crowd_on_a_worn_sensor(count, side, seed):
     assert np.hypot(*(found[:, None] - true).transpose(2, 0, 1)).min(axis=0).max() < 1.5e-3
 
 
+def test_a_search_that_is_used_up_says_so():
+    """Of 24 contacts one spacing apart 15 to 18 were reported, some where nothing is, as all there is."""
+    random, found = np.random.default_rng(13), search("8x8")
+    discs = [(*at, 5e-3, 2e4) for at in crowd(16, 0.04, random)]
+    rows, prior = rows_of(simulate("8x8", discs)), unknown(found.operator)
+    assert found.gave_up(found.contacts(rows, prior, budget=1))
+    assert not found.gave_up(found.contacts(rows, prior))
+
+
 def test_fingers_beside_a_palm_are_no_cells():
     """In four of six frames a shape of 66 cells with a bent sheet left nothing over: forces 8 % and radii 30 %
     off, and later frames went on from there."""

@@ -85,6 +85,7 @@ class Estimate:
     noise : of a reading, V rms, as the rows show it, what was expected at the least; 0 where they do
         not tell
     unlike : withheld because no contacts on a sheet like that of the layout explain the rows
+    complete : whether the search ended by itself, or with as little left over as right contacts leave
     """
 
     contacts: list[Contact]
@@ -96,6 +97,7 @@ class Estimate:
     first: int = 0
     noise: float = 0.0
     unlike: bool = False
+    complete: bool = True
 
 
 def contacts_of(

@@ -259,6 +259,11 @@ class Search(Fits):
         squares = sum(((a / d) ** 2).sum() for a, d in zip(apart, deviations))
         return None if squares < chdtri(2 * len(prior.gain), FALSE_ALARMS) else channels
 
+    def gave_up(self, fit: Fit) -> bool:
+        """Whether the budget was used up for a fit that leaves more over than right contacts do: others, which were not
+        tried, may be likelier."""
+        return self._left <= 0 and fit.chi_squared > LEFT_OVER * fit.rows.count
+
     def goes_on(self, start: Fit, usual: float = 1.0, known: Equations | None = None) -> bool:
         """Whether the contacts of `start` are still those of the rows, near where it says; `usual` and
         `known` as in `contacts`."""

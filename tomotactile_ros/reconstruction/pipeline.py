@@ -702,6 +702,7 @@ class Pipeline:
             faults=estimate.left_out,
             holds=given.lasts,
             noise=noise,
+            complete=estimate.complete,
         )
         return _Found(result, given, seen)
 

@@ -205,7 +205,8 @@ class Result:
         where nothing was fitted.
     settling : part of the row before that readings keep, mean of the channels; 0 where none was found.
     complete : whether all was tried; else the deadline came before: contacts are those of a glance, with wide
-        deviations, or one contact stands for all, or they are withheld.
+        deviations, or one contact stands for all, or they are withheld. Or all that is tried for one frame left more
+        over than noise: too much touches at once, and some may be missing or stand for several.
     conductance : (H, W) S/m², of contacts per area, where there is no contact law that makes
         pressures of it: then these, and the forces of contacts, are NaN. None where there is one.
     """
