@@ -53,7 +53,6 @@ from tomotactile_ros.estimation.one_state import (
 )
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
-from tomotactile_ros.estimation.reported import are_bare
 from tomotactile_ros.estimation.shape import (
     Shapes,
     at_rest,
