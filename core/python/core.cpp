@@ -531,10 +531,10 @@ PYBIND11_MODULE(TOMOTACTILE_MODULE, m) {
 
   py::class_<Linear>(m, "Linear")
       .def_static("of_contacts", [](std::shared_ptr<Fit> fit) { Free free; return Linear::of_contacts(fit); }, "fit"_a)
-      .def_static("of_all", [](std::shared_ptr<Fit> fit, std::shared_ptr<Equations> known, bool anew) {
+      .def_static("of_all", [](std::shared_ptr<Fit> fit, std::shared_ptr<Equations> known, std::optional<bool> anew) {
         Free free;
-        return Linear::of_all(fit, known, anew);
-      }, "fit"_a, "known"_a = py::none(), "anew"_a = false)
+        return Linear::of_all(fit, known, !anew ? Taken::kServing : *anew ? Taken::kSheet : Taken::kAll);
+      }, "fit"_a, "known"_a = py::none(), "anew"_a = py::none())
       .def_readonly("free", &Linear::free)
       .def_readonly("beside", &Linear::beside)
       .def_property_readonly("normal", [](const Linear& l) { return l.normal; })

@@ -4,6 +4,7 @@ namespace tomotactile {
 namespace {
 
 constexpr int kInColumns[4] = {0, 1, 3, 4}, kInRows[4] = {2, 3, 4, 5};  // kinds, by where they act
+constexpr Index kTogether = 8;  // rows, whose derivatives stay in the cache while all parameters are gone through
 
 }  // namespace
 
@@ -31,14 +32,15 @@ Slopes Slopes::scaled(const Vector& units) const {
 Matrix Slopes::couplings(const Matrix& weighted) const {
   const Index scan = Index(rows_.size()), kinds_in_rows = in_rows_.cols();
   Matrix out = Matrix::Zero(kinds() * count_, weighted.cols());
-  for (Index p = 0; p < weighted.cols(); ++p)
-    for (Index l = 0; l < scan; ++l) {
-      const auto mine = weighted.col(p).segment(count_ * l, count_);
-      for (int k = 0; k < 4; ++k)
-        out.col(p).segment(kInColumns[k] * count_, count_) += mine.cwiseProduct(columns_.col(k).segment(count_ * l, count_));
-      for (Index k = 0; k < kinds_in_rows; ++k)
-        out(kInRows[k] * count_ + rows_[l], p) += mine.dot(in_rows_.col(k).segment(count_ * l, count_));
-    }
+  for (Index begin = 0; begin < scan; begin += kTogether)
+    for (Index p = 0; p < weighted.cols(); ++p)
+      for (Index l = begin; l < std::min(begin + kTogether, scan); ++l) {
+        const auto mine = weighted.col(p).segment(count_ * l, count_);
+        for (int k = 0; k < 4; ++k)
+          out.col(p).segment(kInColumns[k] * count_, count_) += mine.cwiseProduct(columns_.col(k).segment(count_ * l, count_));
+        for (Index k = 0; k < kinds_in_rows; ++k)
+          out(kInRows[k] * count_ + rows_[l], p) += mine.dot(in_rows_.col(k).segment(count_ * l, count_));
+      }
   return out.transpose();
 }
 

@@ -143,13 +143,18 @@ bool Equations::bends(const Fit& other) const {
   return ((known - here).array().abs() > kBent).any();
 }
 
+bool Equations::are_of(const Fit& other) const {
+  const Unknowns &known = fit->unknowns, &here = other.unknowns;
+  return known.free.cols() == here.free.cols() && (known.free == here.free).all() && !known.is_moving() && !here.is_moving() &&
+         fit->rows->same(*other.rows) && fit->prior->same_sensor(*other.prior) && known.bond.rows() == here.bond.rows() &&
+         known.bond == here.bond;
+}
+
 bool Equations::serves(const Fit& other) const {
   const Unknowns &known = fit->unknowns, &here = other.unknowns;
-  if (known.free.cols() != here.free.cols() || (known.free != here.free).any() || known.is_moving() || here.is_moving() ||
-      !fit->rows->same(*other.rows) || !fit->prior->same_sensor(*other.prior))
-    return false;
+  if (!are_of(other)) return false;
   const Index alone = here.alone(), cells = here.bond.rows();
-  if (known.bond.rows() != cells || known.bond != here.bond || bends(other) ||
+  if (bends(other) ||
       !similar(known.contacts.leftCols(alone), here.contacts.leftCols(alone), fit->sheet->tables().pitch, kStill))
     return false;
   if (!cells) return true;
@@ -166,19 +171,21 @@ Linear Linear::of_contacts(std::shared_ptr<const Fit> at) {
   const Matrix columns = at->prediction->contact_columns(at->unknowns);
   out.free = columns.cols();
   out.flat = times_weights(columns, at->rows->weights);
-  out.normal = out.flat.transpose() * columns + curvature;
+  out.normal.resize(out.free, out.free);
+  out.normal.triangularView<Eigen::Lower>() = out.flat.transpose() * columns;
+  out.normal = Matrix(out.normal.selfadjointView<Eigen::Lower>()) + curvature;
   out.stiffness = Vector::Ones(out.free);
   out.fit = std::move(at);
   out.aim(pull);
   return out;
 }
 
-Linear Linear::of_all(std::shared_ptr<const Fit> at, std::shared_ptr<const Equations> known, bool anew) {
+Linear Linear::of_all(std::shared_ptr<const Fit> at, std::shared_ptr<const Equations> known, Taken taken) {
   Linear out;
   Matrix curvature;
   Vector pull;
   contact_priors(*at, curvature, pull);
-  if (!known || anew || !known->serves(*at)) {
+  if (!known || taken == Taken::kSheet || !(taken == Taken::kAll ? known->are_of(*at) : known->serves(*at))) {
     Linear contacts = of_contacts(at);
     known = std::make_shared<Equations>(at, std::move(contacts.flat), contacts.normal, known ? known->sheet : nullptr);
   }

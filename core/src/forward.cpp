@@ -155,6 +155,11 @@ static void grounded(const Snapshot& at, Eigen::Map<Matrix> moved) {
   }
 }
 
+void Snapshot::feed(const Vector& direct, Eigen::Map<Matrix>& moved) const {
+  for (Index e = 0; e < direct.size(); ++e)
+    if (direct[e] != 0) moved.noalias() += (direct[e] * impedance.col(e)) * ratio.row(e);
+}
+
 void Snapshot::respond(const Matrix& change, Eigen::Ref<Vector> out) const {
   Eigen::Map<Matrix> moved(out.data(), ratio.rows(), ratio.cols());
   moved.noalias() = impedance * (change * ratio);
@@ -174,8 +179,7 @@ Matrix Snapshot::columns(const Mask& free) const {
     const auto inner = felt.middleCols(first, size);
     const auto own = driven.middleRows(first, size);
     const auto on_electrodes = [&](Eigen::Map<Matrix>& moved, const Vector& direct) {
-      for (Index e = 0; e < n; ++e)
-        if (direct[e] != 0) moved.noalias() += (direct[e] * impedance.col(e)) * ratio.row(e);
+      feed(direct, moved);
       grounded(*this, moved);
     };
     bool moves_patches = false;
@@ -274,7 +278,24 @@ Matrix Snapshot::sheet_columns(const Vector& coefficients) const {
 Matrix Snapshot::way_columns() const {
   const Index k = touches ? touches->count() : 0;
   Matrix out(ratio.size(), k);
-  for (Index i = 0; i < k; ++i) respond(by_way(i), out.col(i));
+  if (!k) return out;
+  const Touches& t = *touches;
+  // what patches do to the rows and what the rows do to patches, as `by_way` has them; its rank is that of few patches
+  const Matrix felt = impedance * inner_, driven = inner_.transpose() * ratio;
+  const Matrix sent = impedance * fed_, drawn = fed_.transpose() * ratio;
+  for (Index i = 0; i < k; ++i) {
+    const Index first = t.begin(i), size = t.size(i);
+    const std::vector<int>& near = t.near(i);
+    const Matrix mine = t.impedance(Eigen::seqN(first, size), near);
+    const double rate = conductance[i].value * conductance[i].by_mean * t.mean[i];
+    Eigen::Map<Matrix> moved(out.col(i).data(), ratio.rows(), ratio.cols());
+    moved.noalias() = (felt.middleCols(first, size) * (rate * t.weight.segment(first, size)).asDiagonal()) * driven.middleRows(first, size);
+    const Matrix back = sent(Eigen::all, near) * mine.transpose() / 2, there = mine * drawn(near, Eigen::all) / 2;
+    moved.noalias() -= sent.middleCols(first, size) * there;
+    moved.noalias() -= back * drawn.middleRows(first, size);
+    feed(rate * t.direct.col(i), moved);
+    grounded(*this, moved);
+  }
   return out;
 }
 

@@ -101,9 +101,9 @@ Solution solve(Point fit, int steps, std::shared_ptr<const Equations> known, dou
   Solution out;
   double damping = kFirstDamping;
   bool slow = false;
-  Linear linear = Linear::of_all(fit, known, false);
+  Linear linear = Linear::of_all(fit, known);
   for (int step = 0; step < std::max(steps, 1); ++step) {
-    if (step) linear = Linear::of_all(fit, known, slow);
+    if (step) linear = Linear::of_all(fit, known, slow ? Taken::kSheet : Taken::kServing);
     known = linear.equations;
     const Descent found = descend(linear, damping, kChords, out.work);
     damping = found.damping;

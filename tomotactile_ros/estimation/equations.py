@@ -74,13 +74,13 @@ class Contacts:
 
 
 class Linear(Contacts):
-    """The same of contacts and sheet, channels eliminated; `known` : equations of a fit nearby, of which what does not
-    depend on contacts is taken, and if it is not to be `anew`, all where they serve.
+    """The same of contacts and sheet, channels eliminated; `known` : equations of a fit nearby, of which all is taken
+    where they serve. `anew` : only what does not depend on contacts; False: all of the same parameters wherever they are.
 
     equations : all of them but the right side
     """
 
-    def __init__(self, fit: Fit, known: Any = None, anew: bool = False):
+    def __init__(self, fit: Fit, known: Any = None, anew: bool | None = None):
         self._take(fit, compiled.Linear.of_all(fit.core, known, anew))
         self.equations: Any = self._core.equations
 

@@ -147,7 +147,7 @@ def whole(fit: Fit, threshold: float, known: Equations | None = None) -> Fit:
     linear = Linear(fit, linearised.known, anew=True)
     fit.covariance, fit.equations, fit.steps = linear.covariance(), linear.equations, 1
     if fit.lasting is not fit:
-        fit.lasting.equations = linearised(fit.lasting).equations
+        fit.lasting.equations = linearised.known
     certain = _certain(fit, threshold * fit.doubt)
     return fit if certain.all() else whole(_only(fit, certain), threshold, fit.equations)
 
@@ -203,7 +203,7 @@ def at_rest(fit: Fit, known: Equations | None, usual: float) -> Fit | None:
         found = _descended(found, _WHOLE, linearised, _LASTS)
     if found.chi_squared > most:
         return None
-    found.equations = linearised(found).equations
+    found.equations = linearised.known
     out = _of_those_that_conduct(found)
     out.lasting = found
     # other equations may be those of cells that conducted nothing
@@ -379,7 +379,7 @@ def _costs_of_more(
 ) -> Callable[[int, float], float]:
     """How much the cost grows, to second order, when a cell is given a conductance, the others that are
     not at their bound following, and if `following` the sensor: a function of cell and conductance, S."""
-    linear = Linear(fit, fit.equations) if following else Contacts(fit)
+    linear = Linear(fit, fit.equations, anew=False) if following else Contacts(fit)
     cells = columns(fit)[fit.unknowns.alone :]
     normal, right = linear.normal[np.ix_(cells, cells)], linear.right[cells]
     if following:

@@ -46,6 +46,7 @@ struct Equations {
   double score(const Fit& fit, const Mask& free) const;
   // How much more uneven the sheet of a fit near is than was expected (evidence procedure; MacKay 1992), at least 1.
   double unevenness(const Fit& fit) const;
+  bool are_of(const Fit& fit) const;  // the same parameters and rows
   bool serves(const Fit& fit) const;  // good enough at another fit, of other readings
   bool bends(const Fit& fit) const;   // whether a contact there is so much nearer to a bare conductor, or farther
 };
@@ -59,11 +60,14 @@ struct Step {
   bool whole;       // hardly damped and not limited
 };
 
+// Of known equations: all where they serve, derivatives by the sheet alone, or all of the same parameters wherever they are.
+enum class Taken { kServing, kSheet, kAll };
+
 class Linear {
  public:
   static Linear of_contacts(std::shared_ptr<const Fit> fit);  // the sensor as it is there
-  // Of contacts and sheet, channels eliminated, with equations known from a fit nearby, or anew.
-  static Linear of_all(std::shared_ptr<const Fit> fit, std::shared_ptr<const Equations> known, bool anew = false);
+  // Of contacts and sheet, channels eliminated, with what is taken of equations known from a fit nearby.
+  static Linear of_all(std::shared_ptr<const Fit> fit, std::shared_ptr<const Equations> known, Taken taken = Taken::kServing);
 
   Linear about(std::shared_ptr<const Fit> fit) const;  // the right side of a fit nearby: a chord for a tangent
   Step step(double damping) const;

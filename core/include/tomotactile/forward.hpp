@@ -74,6 +74,7 @@ class Snapshot {
 
   Matrix by_way(Index i) const;
   void respond(const Matrix& change, Eigen::Ref<Vector> out) const;  // of a change of Y
+  void feed(const Vector& direct, Eigen::Map<Matrix>& moved) const;  // Z dY rho of one on electrodes alone, added
 };
 
 class Prediction {
