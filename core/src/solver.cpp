@@ -21,6 +21,8 @@ constexpr double kManySteps = 3.0;   // take as long as new derivatives by the c
 // steps in turn that gain less than this part of what they promise are the last ones: they creep along a valley
 constexpr int kCreeping = 2;
 constexpr double kCreeps = 0.05;
+constexpr double kPartly = 0.5;      // of what a whole step promises: with less gained, a part of it is tried
+constexpr double kNear = 1.5;        // chi^2 of a fit that goes on: from farther away damping tells more than a parabola
 constexpr double kHope = 3.0;        // times what a step gained, all that follow may gain
 
 Point with(const Point& fit, Unknowns unknowns) { return std::make_shared<Fit>(fit->with(std::move(unknowns))); }
@@ -45,6 +47,19 @@ Point back(const Linear& linear, Point tried, int chords, double& work) {
   return nullptr;
 }
 
+// The least of the parabola through where a step began, its slope there and where it led to, as a part of the step: where
+// rims cross those of electrodes readings bend within it.
+double least_along(double promised, double gained) { return promised / (2 * promised - gained); }
+
+Unknowns part_of(const Linear& linear, const Step& step, double part) {
+  Unknowns out = linear.fit->unknowns;
+  const auto along = [part](auto& from, const auto& to) { from += part * (to - from).eval(); };
+  along(out.contacts, step.unknowns.contacts), along(out.rates, step.unknowns.rates), along(out.sheet, step.unknowns.sheet);
+  along(out.gain, step.unknowns.gain), along(out.offset, step.unknowns.offset);
+  along(out.resistance, step.unknowns.resistance), along(out.aside, step.unknowns.aside);
+  return out;
+}
+
 struct Descent {
   Point better;  // null if there is none
   Step step;     // the last one
@@ -60,6 +75,14 @@ Descent descend(const Linear& linear, double damping, int chords, double& work) 
     if (tries >= kFewTries && out.step.promised < kLittle * (fit.chi_squared - double(fit.rows->count))) break;
     Point tried = with(linear.fit, out.step.unknowns);
     work += double(tried->prediction->work());
+    const double gained = fit.cost - tried->cost;
+    // of contacts that move, another evaluation costs as much as derivatives
+    const bool near = fit.chi_squared < kNear * double(fit.rows->count) && !fit.unknowns.is_moving();
+    if (near && out.step.whole && gained < kPartly * out.step.promised) {
+      Point nearer = with(linear.fit, part_of(linear, out.step, least_along(out.step.promised, gained)));
+      work += double(nearer->prediction->work());
+      if (nearer->cost < tried->cost) tried = std::move(nearer);
+    }
     if (tried->cost < fit.cost) {
       out.better = tried, out.damping /= 10;
       return out;
