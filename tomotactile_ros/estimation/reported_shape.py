@@ -36,6 +36,7 @@ BESIDE = 0.03
 # standard deviations of what it conducts: below, it is not known that something presses
 _CERTAIN = 3.0
 _MOSTLY_BARE = 0.1  # of the force: carried by bare conductors, it is known from below only
+_PART = 1e-3  # of the force: cells that carry less are no part of what presses
 # of the strongest: weaker parts may be an error in its shape: a line of 5 mm on cells of 7 mm left
 # one of 4 % beside it (gains off by 2 %)
 _WEAK = 0.05
@@ -125,8 +126,9 @@ class _Cells:
         if bare:  # what all its cells together are known to conduct at the least
             least = min(told(conductance, mean, self._sheet)[0], most) / conductance
             conductance *= least
-            less = least ** (1 / self._exponent)
-            force, pressure = force * less, pressure * less
+            force *= least ** (1 / self._exponent)
+            area = float(self._area[which[share > _PART]].sum())
+            pressure = force / area  # how it is spread is not known
         floor = place_floor(fit, self._uneven) ** 2
         floor += (CELL_PLACE * side * coarse) ** 2
         at = spread[1:, 1:] + floor * np.eye(2)
@@ -145,7 +147,7 @@ class _Cells:
             side / 2,
             float(1 - np.exp(-(certain**2) / 2)) if certain > _CERTAIN or bare else 0.0,
         )
-        return contact, which[share > 1e-3]
+        return contact, which[share > _PART]
 
     def _mean(self, which: np.ndarray) -> float:
         """Mean D of what the cells `which` conduct together, ohm."""

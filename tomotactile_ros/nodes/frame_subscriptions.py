@@ -109,7 +109,7 @@ class FrameSubscription:
 
     def _serve(self) -> None:
         handle, context = self._subscription.handle, self._node.context
-        events = self._subscription.event_handlers
+        events: Any = self._subscription.event_handlers  # a list, whatever rclpy says of its type
         waiting = rclpy_implementation.WaitSet(1, 0, 0, 0, 0, len(events), context.handle)
         _all(self._subscription)
         while not self._stopped.is_set() and context.ok():
