@@ -273,7 +273,7 @@ def test_images_go_on_while_parameters_are_put_into_effect(probe, start, spawn, 
     client = probe.node.create_client(SetParameters, "/reconstruction/set_parameters")
     probe.until(client.service_is_ready, "service")
     wish = Parameter("resolution", value=20).to_parameter_msg()
-    client.call_async(SetParameters.Request(parameters=[wish]))
+    answer = client.call_async(SetParameters.Request(parameters=[wish]))
     probe.until((tmp_path / "begun").exists, "change under way")
     images.clear()
     reports.clear()
@@ -286,6 +286,7 @@ def test_images_go_on_while_parameters_are_put_into_effect(probe, start, spawn, 
     assert images[-1].height == 40
     (tmp_path / "enough").touch()
     probe.until(lambda: images[-1].height == 20, "images of the new resolution")
+    probe.until(answer.done, "the end of the change")
     ends_cleanly(reconstruction)
 
 

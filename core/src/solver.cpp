@@ -22,7 +22,6 @@ constexpr double kManySteps = 3.0;   // take as long as new derivatives by the c
 constexpr int kCreeping = 2;
 constexpr double kCreeps = 0.05;
 constexpr double kPartly = 0.5;      // of what a whole step promises: with less gained, a part of it is tried
-constexpr double kNear = 1.5;        // chi^2 of a fit that goes on: from farther away damping tells more than a parabola
 constexpr double kHope = 3.0;        // times what a step gained, all that follow may gain
 
 Point with(const Point& fit, Unknowns unknowns) { return std::make_shared<Fit>(fit->with(std::move(unknowns))); }
@@ -66,7 +65,8 @@ struct Descent {
   double damping;
 };
 
-Descent descend(const Linear& linear, double damping, int chords, double& work) {
+// rests : the step is one from where earlier rows led, near the best fit: elsewhere damping tells more than a parabola
+Descent descend(const Linear& linear, double damping, int chords, double& work, bool rests = false) {
   const Fit& fit = *linear.fit;
   Descent out{nullptr, {}, damping};
   for (int tries = 0; tries < kTries; ++tries) {
@@ -76,9 +76,7 @@ Descent descend(const Linear& linear, double damping, int chords, double& work) 
     Point tried = with(linear.fit, out.step.unknowns);
     work += double(tried->prediction->work());
     const double gained = fit.cost - tried->cost;
-    // of contacts that move, another evaluation costs as much as derivatives
-    const bool near = fit.chi_squared < kNear * double(fit.rows->count) && !fit.unknowns.is_moving();
-    if (near && out.step.whole && gained < kPartly * out.step.promised) {
+    if (rests && out.step.whole && gained < kPartly * out.step.promised) {
       Point nearer = with(linear.fit, part_of(linear, out.step, least_along(out.step.promised, gained)));
       work += double(nearer->prediction->work());
       if (nearer->cost < tried->cost) tried = std::move(nearer);
@@ -124,11 +122,12 @@ Solution solve(Point fit, int steps, std::shared_ptr<const Equations> known, dou
   Solution out;
   double damping = kFirstDamping;
   bool slow = false;
+  const bool rests = known && known->serves(*fit) && known->fit->rows != fit->rows;
   Linear linear = Linear::of_all(fit, known);
   for (int step = 0; step < std::max(steps, 1); ++step) {
     if (step) linear = Linear::of_all(fit, known, slow ? Taken::kSheet : Taken::kServing);
     known = linear.equations;
-    const Descent found = descend(linear, damping, kChords, out.work);
+    const Descent found = descend(linear, damping, kChords, out.work, rests);
     damping = found.damping;
     const double gained = found.better ? fit->cost - found.better->cost : 0.0;
     if (found.better) fit = found.better;
