@@ -518,8 +518,9 @@ class Estimator:
             if _may_be_anywhere(fit):
                 reason = ANYWHERE
             return Estimate([], [], "withheld", reason, left_out, misfit, first), scattered
-        told = Estimate(contacts, parts, "valid", "", left_out, misfit, first)
-        return replace(told, complete=not search.gave_up(fit)), scattered
+        known = left_out, misfit, first
+        complete = not search.gave_up(fit)
+        return Estimate(contacts, parts, "valid", "", *known, complete=complete), scattered
 
     def _recut(self, fit: Fit, used: tuple[int, ...], rows: int) -> bool:
         """Whether the sheet is now another one: that which a fit of so many `rows` with the electrodes

@@ -247,8 +247,8 @@ def told(conductance: float, mean: float, resistance: float) -> tuple[float, boo
 
 
 def spread_within(places: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """(2, 2) m², what is not known of the middle of a bare conductor of parts at `places` (m, 2), m, with `share` (m,)
-    of its area."""
+    """(2, 2) m², what is not known of the middle of a bare conductor of parts at `places` (m, 2), m, each with its
+    `share` (m,) of it."""
     aside = places - share @ places
     return SPREAD**2 * (share[:, None] * aside).T @ aside
 

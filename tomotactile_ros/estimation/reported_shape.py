@@ -119,9 +119,8 @@ class _Cells:
         # by what its cells conduct: of nearly bare ones the force is hardly known
         certain = float(np.sqrt(certainty(self._covariance, which)))
         mean = self._mean(which)
-        most = 1 / (
-            BARE * max(mean, 1e-300)
-        )  # no cell need be a bare one for all of them to be one together
+        # no cell need be a bare one for all of them to be one together
+        most = 1 / (BARE * max(mean, 1e-300))
         bare = conductance > most or share[self._bare[which]].sum() > _MOSTLY_BARE
         if bare:  # what all its cells together are known to conduct at the least
             least = min(told(conductance, mean, self._sheet)[0], most) / conductance

@@ -138,7 +138,6 @@ def whole(fit: Fit, threshold: float, known: Equations | None = None) -> Fit:
         return solve(fit.operator, fit.unknowns, fit.rows, fit.prior, known=known, at=fit)
     linearised = _Linearised(known)
     conducting = _of_those_that_conduct(fit)
-    conducting.lasting = fit
     found = _with_sensor(conducting, linearised)
     if conducting is not fit and found.chi_squared > _LACKING * found.rows.count:
         # some of those that had nothing to explain while the sensor was held may conduct
@@ -157,10 +156,7 @@ def _with_sensor(fit: Fit, linearised: _Linearised) -> Fit:
     than noise does, without those that do not conduct."""
     if fit.chi_squared < _POOR * fit.rows.count:
         return fit
-    found = _descended(fit, _WHOLE, linearised)
-    out = _of_those_that_conduct(found)
-    out.lasting = found
-    return out
+    return _of_those_that_conduct(_descended(fit, _WHOLE, linearised))
 
 
 class _Linearised:
@@ -205,7 +201,6 @@ def at_rest(fit: Fit, known: Equations | None, usual: float) -> Fit | None:
         return None
     found.equations = linearised.known
     out = _of_those_that_conduct(found)
-    out.lasting = found
     # other equations may be those of cells that conducted nothing
     linear = Linear(out, linearised.known, anew=True)
     out.covariance, out.equations, out.steps = linear.covariance(), linear.equations, 1
@@ -221,10 +216,12 @@ def from_cells(fit: Fit, known: Equations | None = None) -> Fit:
 
 
 def _of_those_that_conduct(fit: Fit) -> Fit:
-    """The same without cells that are at their bound."""
+    """The same without cells that are at their bound, which last."""
     kept = np.ones(len(fit.unknowns.contacts), bool)
     kept[fit.unknowns.alone :] = _conduct(_of_cells(fit))
-    return _only(fit, kept)
+    out = _only(fit, kept)
+    out.lasting = fit
+    return out
 
 
 def _of_cells(fit: Fit) -> np.ndarray:

@@ -123,7 +123,8 @@ class FrameSubscription:
                 waiting.wait(int(1e9 * _PATIENCE))
                 said = [(each, each.take_data()) for each in events if each.is_ready(waiting)]
             for event, data in said:
-                event.callback(data)
+                if data is not None:
+                    event.callback(data)
             messages = _all(self._subscription)
             if messages:
                 self._take(messages)
