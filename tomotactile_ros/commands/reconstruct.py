@@ -132,7 +132,8 @@ def run(args: Namespace) -> None:
         f"{1e3 * np.median(latency):.2f} ms a {each}"
     )
     if cut:
-        print(f"deadline: not all was tried in {cut} of {len(latency)} {each}s")
+        why = "the deadline came before, or too much touches at once"
+        print(f"not all was tried in {cut} of {len(latency)} {each}s: {why}")
     if told:
         print(told)
     for reason, count in withheld.most_common():
@@ -209,7 +210,7 @@ def results_writer(
     file.
 
     pressure (N, H, W) Pa, potential (N, H, W) V with `images`, contacts as JSON, latency (N,) s,
-        stamps (N,) s, complete (N,) whether all was tried by the deadline;
+        stamps (N,) s, complete (N,) whether all was tried;
     without a contact law: conductance (N, H, W) S/m² with `images`, and pressure NaN;
     where contacts of some frame are withheld, reason (N,), empty for the others. However many
     frames there are, it takes little memory.

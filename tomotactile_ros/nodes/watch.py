@@ -124,7 +124,7 @@ class FrameWatch:
             found.append(Trouble("missed", False, text))
         if cut > _MANY * processed:
             text = (
-                f"the deadline came before all was tried in {cut:.0f} of {processed:.0f} frames: this machine "
+                f"not all was tried in {cut:.0f} of {processed:.0f} frames: the deadline came before, as this machine "
                 "is too slow for it, or too much touches at once"
             )
             found.append(Trouble("cut", False, text))
@@ -161,7 +161,7 @@ class FrameWatch:
         return late_of(missed + late, processed + missed, "frames")
 
     def cut(self) -> str:
-        """In how many frames of the last 10 s the deadline came before all was tried, for people."""
+        """In how many frames of the last 10 s not all was tried, for people."""
         processed, *_, cut = self._recent.sums().astype(int).tolist()
         return late_of(cut, processed, "frames")
 
