@@ -38,10 +38,10 @@ from tomotactile_ros.nodes.node_time import (
     seconds_now,
     troubles_of_time,
 )
-from tomotactile_ros.nodes.parameters import HARDWARE_ID, PATH_CHANGES, Parameters, Spec
-from tomotactile_ros.nodes.publishers import publisher
-from tomotactile_ros.nodes.running import PlainNode, run
+from tomotactile_ros.nodes.parameters import HARDWARE_ID, PATH_CHANGES, Spec
+from tomotactile_ros.nodes.running import Part, PlainNode, run
 from tomotactile_ros.nodes.scan_order import ScanOrder
+from tomotactile_ros.nodes.topics import publisher
 from tomotactile_ros.nodes.touches import TouchListener
 from tomotactile_ros.scenes.scene import load_scene
 from tomotactile_ros.scenes.touches import Touch
@@ -131,20 +131,18 @@ _SOURCES = {"port": "serial", "recording": "replay"}  # where readings are, and 
 ROWS_DEPTH = 256  # messages of rows that may wait: a quarter of a second of single rows at 1 kHz
 
 
-class Driver:
+class Driver(Part):
     """What the driver does, in whichever node it is put.
 
     `listeners` are called with each frame, its layout's id and its header, in the device's thread,
     before it is published; so are `row_listeners` with rows of frames, where delivery is `rows`.
     """
 
-    name = "driver"
+    name, specs = "driver", SPECS
     alone = True  # in its process
 
     def __init__(self, node: Node):
-        self._node = node
-        self._log = node.get_logger()
-        self.parameters = Parameters(node, SPECS, self._change)
+        super().__init__(node)
         self.listeners: list[Callable[[Frame, str, Header], None]] = []
         self.row_listeners: list[Callable[[Frame, str, Header], None]] = []
         self._time, self._passing = NodeTime(node), PassingTime(node)

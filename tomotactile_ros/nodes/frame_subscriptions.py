@@ -23,8 +23,8 @@ from std_msgs.msg import Header
 from tomotactile_ros.devices import Frame
 from tomotactile_ros.msg import VoltageFrame
 from tomotactile_ros.nodes.conversions import message_to_frame, stamp_of
-from tomotactile_ros.nodes.qos_events import SubscriptionEventCallbacks
 from tomotactile_ros.nodes.row_watch import fall_behind
+from tomotactile_ros.nodes.topics import SubscriptionEventCallbacks
 from tomotactile_ros.support.errors import InputError
 
 ROWS_DEPTH = 16  # messages of rows that may wait

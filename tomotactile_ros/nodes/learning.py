@@ -27,8 +27,8 @@ from tomotactile_ros.learning.state import SensorState
 from tomotactile_ros.msg import SensorState as SensorMessage
 from tomotactile_ros.nodes.node_time import clock_of
 from tomotactile_ros.nodes.parameters import Spec
-from tomotactile_ros.nodes.publishers import publisher
 from tomotactile_ros.nodes.sensor_messages import sensor_to_message
+from tomotactile_ros.nodes.topics import publisher
 from tomotactile_ros.support.errors import InputError
 
 SPECS = (

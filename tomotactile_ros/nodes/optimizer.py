@@ -16,9 +16,9 @@ from std_msgs.msg import Header
 from tomotactile_ros.nodes import diagnostics
 from tomotactile_ros.nodes.conversions import image_to_message
 from tomotactile_ros.nodes.diagnostics import Diagnostics, Report
-from tomotactile_ros.nodes.parameters import Parameters, Spec
-from tomotactile_ros.nodes.publishers import publisher
-from tomotactile_ros.nodes.running import BAD_INPUT, PlainNode, run
+from tomotactile_ros.nodes.parameters import Spec
+from tomotactile_ros.nodes.running import BAD_INPUT, Part, PlainNode, run
+from tomotactile_ros.nodes.topics import publisher
 from tomotactile_ros.optimizer.jobs import Job, Stage, job_of
 from tomotactile_ros.optimizer.options import EXPLORE, OPTIONS, Option
 from tomotactile_ros.support.errors import InputError
@@ -50,15 +50,13 @@ SPECS = (
 )
 
 
-class Optimizer:
+class Optimizer(Part):
     """What the optimizer does: steps in a thread of its own, while the node answers."""
 
-    name = "optimizer"
+    name, specs = "optimizer", SPECS
 
     def __init__(self, node: Node):
-        self._node = node
-        self._log = node.get_logger()
-        self.parameters = Parameters(node, SPECS, _nothing_changes)
+        super().__init__(node)
         self.status = 0
         self._job: Job  # of `configure`
         self._last: Stage | None = None
@@ -92,9 +90,6 @@ class Optimizer:
             self._end()
         except InputError as error:
             self._fail(BAD_INPUT, str(error))
-
-    def cleanup(self) -> None:
-        """Nothing is left to do."""
 
     def report(self) -> Report:
         """Progress for /diagnostics."""
@@ -152,10 +147,6 @@ class Optimizer:
         except RuntimeError:
             if rclpy.ok():
                 raise  # otherwise nobody listens any more
-
-
-def _nothing_changes(changed: set[str], values: dict) -> None:
-    """All parameters are read-only."""
 
 
 def main(args: list[str] | None = None) -> int:

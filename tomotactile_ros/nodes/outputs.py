@@ -27,7 +27,7 @@ from tomotactile_ros.nodes.contact_messages import (
 from tomotactile_ros.nodes.conversions import cloud_to_message, image_to_message, stamp_of
 from tomotactile_ros.nodes.markers import ContactMarkers, layout_markers
 from tomotactile_ros.nodes.node_time import PassingTime, seconds_now
-from tomotactile_ros.nodes.publishers import publisher
+from tomotactile_ros.nodes.topics import publisher
 from tomotactile_ros.spatial import in_space
 from tomotactile_ros.support.checks import plain
 from tomotactile_ros.view.colours import (

@@ -150,14 +150,15 @@ class Parameters:
     node : declares them.
     specs : what to declare.
     on_change : called with the names that change and all values as they would be, before they
-        count; it puts them into effect, or raises InputError, and nothing has changed.
+        count; it puts them into effect, or raises InputError, and nothing has changed. Without it
+        all are read-only.
     """
 
     def __init__(
         self,
         node: Node,
         specs: Sequence[Spec],
-        on_change: Callable[[set[str], dict[str, Any]], None],
+        on_change: Callable[[set[str], dict[str, Any]], None] = lambda changed, values: None,
     ):
         self._node = node
         self._specs = {spec.name: spec for spec in specs}

@@ -25,7 +25,6 @@ from tomotactile_ros.nodes.frame_subscriptions import FrameSubscription, of_fram
 from tomotactile_ros.nodes.learning import Learning
 from tomotactile_ros.nodes.node_time import is_timeless, seconds_now, troubles_of_time
 from tomotactile_ros.nodes.outputs import Outputs
-from tomotactile_ros.nodes.parameters import Parameters
 from tomotactile_ros.nodes.reconstruction_parameters import (
     OF_THE_NODE,
     SPECS,
@@ -33,7 +32,7 @@ from tomotactile_ros.nodes.reconstruction_parameters import (
     settings_of,
 )
 from tomotactile_ros.nodes.row_contacts import Rows
-from tomotactile_ros.nodes.running import PlainNode, run
+from tomotactile_ros.nodes.running import Part, PlainNode, run
 from tomotactile_ros.nodes.stopping import unless_stopped
 from tomotactile_ros.nodes.tare import Taring
 from tomotactile_ros.nodes.turns import FairLock
@@ -48,7 +47,7 @@ _EVERY = 5.0  # s between two warnings of a kind
 _LOOK = 0.25  # s between two looks whether contacts have grown old: an eighth of `max_age`
 
 
-class Reconstruction:
+class Reconstruction(Part):
     """What the reconstruction does, in whichever node it is put.
 
     Parameters
@@ -58,12 +57,10 @@ class Reconstruction:
         and `accept_rows`.
     """
 
-    name = "reconstruction"
+    name, specs = "reconstruction", SPECS
 
     def __init__(self, node: Node, subscribe: bool = True):
-        self._node = node
-        self._log = node.get_logger()
-        self.parameters = Parameters(node, SPECS, self._change)
+        super().__init__(node)
         self._lock = FairLock()  # guards the pipeline against frames from another thread
         self._rows_lock = threading.Lock()  # the same of rows, which do not wait for frames
         self._pipeline: Pipeline | None = None

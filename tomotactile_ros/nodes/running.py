@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from inspect import CORO_CREATED, getcoroutinestate, iscoroutine
 from itertools import chain
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, TypeVar
 from weakref import WeakSet
 
 import rclpy
@@ -42,12 +42,18 @@ _THREADS = 4  # parameters and services, diagnostics and frames of a node; two n
 AUTOSTART = Spec("autostart", False, "Be active from the start", read_only=True)
 
 
-class Part(Protocol):
-    """What a node does. `configure` may raise InputError; the others work in any state."""
+class Part:
+    """What a node does. `configure` may raise InputError; the others work in any state.
+
+    specs : its parameters; what they are changed to goes to `_change`.
+    """
 
     name: str
+    specs: Sequence[Spec]
 
-    def __init__(self, node: Node) -> None: ...
+    def __init__(self, node: Node) -> None:
+        self._node, self._log = node, node.get_logger()
+        self.parameters = Parameters(node, self.specs, self._change)
 
     def configure(self) -> None:
         """Read files and prepare everything."""
@@ -60,6 +66,9 @@ class Part(Protocol):
 
     def cleanup(self) -> None:
         """Let go of what `configure` made."""
+
+    def _change(self, changed: set[str], values: dict[str, Any]) -> None:
+        """As `Parameters` takes it; where all are read-only nothing changes."""
 
 
 P = TypeVar("P", bound=Part)
@@ -102,7 +111,7 @@ class ManagedNode(LifecycleNode, Generic[P]):
         with _settings_of_ros():
             super().__init__(kind.name)
             self.part = kind(self)
-        if Parameters(self, (AUTOSTART,), _read_only)["autostart"]:
+        if Parameters(self, (AUTOSTART,))["autostart"]:
             self._start()
 
     def _start(self) -> None:
@@ -328,7 +337,3 @@ def _settings_of_ros() -> Iterator[None]:
 
 def _one_line(error: Exception) -> str:
     return " ".join(str(error).split())
-
-
-def _read_only(changed: set[str], values: dict[str, Any]) -> None:
-    """Nothing changes at run time."""

@@ -4,8 +4,6 @@ from collections.abc import Callable
 
 import numpy as np
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 
 from tomotactile_ros.layouts.layout import Layout
@@ -13,6 +11,7 @@ from tomotactile_ros.layouts.scan_order import AdaptiveOrder
 from tomotactile_ros.msg import ContactArray
 from tomotactile_ros.nodes.contact_messages import message_to_touches
 from tomotactile_ros.nodes.node_time import PassingTime
+from tomotactile_ros.nodes.topics import subscription
 
 _PATIENCE = 1.0  # s without a message after which no contact is known
 
@@ -43,13 +42,7 @@ class ScanOrder:
         if layout is None:
             return
         self._order = AdaptiveOrder(layout.positions)
-        self._subscription = self._node.create_subscription(
-            ContactArray,
-            "contacts",
-            self._on_message,
-            QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT),
-            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
-        )
+        self._subscription = subscription(self._node, ContactArray, "contacts", self._on_message)
         self.next()
 
     def next(self) -> None:

@@ -14,8 +14,8 @@ from itertools import chain
 from rclpy.node import Node
 
 from tomotactile_ros.nodes.namespaces import full_namespaces
-from tomotactile_ros.nodes.parameters import Parameters, Spec
-from tomotactile_ros.nodes.running import PlainNode, run
+from tomotactile_ros.nodes.parameters import Spec
+from tomotactile_ros.nodes.running import Part, PlainNode, run
 from tomotactile_ros.nodes.tactile import PARAMETERS, PATIENCE, make_nodes
 
 SPECS = (
@@ -23,23 +23,14 @@ SPECS = (
 )
 
 
-class Sensors:
+class Sensors(Part):
     """Holds the list of the sensors."""
 
-    name = "sensors"
-
-    def __init__(self, node: Node):
-        self._node = node
-        self.parameters = Parameters(node, SPECS, lambda changed, values: None)
+    name, specs = "sensors", SPECS
 
     def configure(self) -> None:
         """Refuse a list that cannot be."""
         self.namespaces()
-
-    def activate(self) -> None:
-        """Nothing to do."""
-
-    deactivate = cleanup = activate
 
     def namespaces(self) -> list[str]:
         """Full namespaces, below that of this node; InputError for a list that cannot be."""

@@ -12,8 +12,6 @@ from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, Vector3, WrenchStamped
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.qos_overriding_options import QoSOverridingOptions
 from std_msgs.msg import Header
 
 from tomotactile_ros.devices.health import Trouble
@@ -26,11 +24,11 @@ from tomotactile_ros.nodes.conversions import stamp_of
 from tomotactile_ros.nodes.diagnostics import Diagnostics, Report
 from tomotactile_ros.nodes.namespaces import full_namespaces
 from tomotactile_ros.nodes.node_time import PassingTime, is_timeless, seconds_now
-from tomotactile_ros.nodes.parameters import Parameters, Spec
+from tomotactile_ros.nodes.parameters import Spec
 from tomotactile_ros.nodes.poses import Locate, make_locator
-from tomotactile_ros.nodes.publishers import publisher
-from tomotactile_ros.nodes.running import PlainNode, run
+from tomotactile_ros.nodes.running import Part, PlainNode, run
 from tomotactile_ros.nodes.stopping import unless_stopped
+from tomotactile_ros.nodes.topics import publisher, subscription
 from tomotactile_ros.skin import Skin
 from tomotactile_ros.spatial import Pose, wrench_of
 from tomotactile_ros.support.checks import LONGEST
@@ -58,20 +56,17 @@ SPECS = (
 _ID_BITS = 24
 _STRONGEST = 1e6  # N: whatever a sensor feels is far below
 _UNIT = 0.01  # of a direction's length
-_QOS = QoSProfile(depth=2, reliability=ReliabilityPolicy.RELIABLE)
-_HEARING = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
-class SkinPart:
+class SkinPart(Part):
     """What the skin does."""
 
-    name = "skin"
+    name, specs = "skin", SPECS
 
     def __init__(self, node: Node):
-        self._node, self._log = node, node.get_logger()
+        super().__init__(node)
         self._conditions = Conditions(self._log)
         self._now = PassingTime(node).now
-        self.parameters = Parameters(node, SPECS, self._change)
         self._skin = Skin((), 1.0)
         self._locate: Locate  # of `configure`
         self._topics: dict[str, str] = {}
@@ -103,9 +98,6 @@ class SkinPart:
         """Publish nothing any more."""
         self._active = False
 
-    def cleanup(self) -> None:
-        """Nothing is left to do."""
-
     def report(self) -> Report:
         """Which sensors are silent, for /diagnostics."""
         now = self._now()
@@ -132,14 +124,8 @@ class SkinPart:
         }
 
     def _listen(self, name: str, topic: str) -> None:
-        subscription = self._node.create_subscription(
-            ContactArray,
-            topic,
-            partial(self._on_contacts, name),
-            _HEARING,
-            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
-        )
-        self._topics[name] = subscription.topic_name
+        made = subscription(self._node, ContactArray, topic, partial(self._on_contacts, name))
+        self._topics[name] = made.topic_name
 
     def _on_contacts(self, name: str, message: ContactArray) -> None:
         member = self._skin.members[name]

@@ -3,13 +3,12 @@
 from collections.abc import Callable
 
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.msg import ContactArray
 from tomotactile_ros.nodes.contact_messages import message_to_touches
+from tomotactile_ros.nodes.topics import subscription
 from tomotactile_ros.scenes.touches import Touch
 
 _PATIENCE = 5.0  # s between two complaints
@@ -38,16 +37,7 @@ class TouchListener:
                 self._node.destroy_subscription(self._subscription)
             self._subscription = None
         elif self._subscription is None:
-            self._subscribe()
-
-    def _subscribe(self) -> None:
-        self._subscription = self._node.create_subscription(
-            ContactArray,
-            "touches",
-            self._on_message,
-            QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT),
-            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
-        )
+            self._subscription = subscription(self._node, ContactArray, "touches", self._on_message)
 
     def _on_message(self, message: ContactArray) -> None:
         frame_id, layout = message.header.frame_id, self._layout

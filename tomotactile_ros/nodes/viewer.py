@@ -13,8 +13,6 @@ from typing import Any
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.qos_overriding_options import QoSOverridingOptions
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Image
 
@@ -24,9 +22,10 @@ from tomotactile_ros.nodes.conversions import message_to_image, stamp_of
 from tomotactile_ros.nodes.listener import RECONSTRUCTION
 from tomotactile_ros.nodes.namespaces import full_namespaces
 from tomotactile_ros.nodes.node_time import seconds_now
-from tomotactile_ros.nodes.parameters import Parameters, Spec
+from tomotactile_ros.nodes.parameters import Spec
 from tomotactile_ros.nodes.poses import Locate, make_locator
-from tomotactile_ros.nodes.running import PlainNode, run
+from tomotactile_ros.nodes.running import Part, PlainNode, run
+from tomotactile_ros.nodes.topics import subscription
 from tomotactile_ros.spatial import Pose
 from tomotactile_ros.support.errors import InputError, printable
 from tomotactile_ros.view.display import Shot
@@ -49,21 +48,16 @@ SPECS = (
     Spec("port", PORT, "Or the next free one", low=0, high=65535, read_only=True),
 )
 _APART = 1.2  # of a sheet's size, from one that is not placed to the next
-_LATCHED = QoSProfile(
-    depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
-)
-_NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 _LEFT_OUT = "left out, see the diagnostics"
 
 
-class Viewer:
+class Viewer(Part):
     """What the node does."""
 
-    name = "viewer"
+    name, specs = "viewer", SPECS
 
     def __init__(self, node: Node):
-        self._node = node
-        self.parameters = Parameters(node, SPECS, lambda changed, values: None)
+        super().__init__(node)
         self._page: Page | None = None
         self.parameters.warn_of_typos()
 
@@ -84,17 +78,11 @@ class Viewer:
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
         node.get_logger().info(f"the page is {self._page.url}")
 
-    def activate(self) -> None:
-        """Nothing is left to do."""
-
     def deactivate(self) -> None:
         """Close the page."""
         if self._page is not None:
             self._page.__exit__()
             self._page = None
-
-    def cleanup(self) -> None:
-        """Nothing is left to do."""
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -114,18 +102,13 @@ class _Sensor:
         self._arrivals: deque[float] = deque(maxlen=32)  # of images
         self._begun: float | None = None  # s
         self._late, self._faults = "", dict[int, str]()
-        for kind, topic, listen, qos in (
-            (SensorLayout, "layout", self._on_layout, _LATCHED),
-            (Image, "pressure", self._on_pressure, _NEWEST),
-            (ContactArray, "contacts", self._on_contacts, _NEWEST),
+        for kind, name, listen in (
+            (SensorLayout, "layout", self._on_layout),
+            (Image, "pressure", self._on_pressure),
+            (ContactArray, "contacts", self._on_contacts),
         ):
-            node.create_subscription(
-                kind,
-                f"{namespace.rstrip('/')}/{topic}",
-                partial(self._unless_wrong, listen),
-                qos,
-                qos_overriding_options=QoSOverridingOptions.with_default_policies(),
-            )
+            topic, take = f"{namespace.rstrip('/')}/{name}", partial(self._unless_wrong, listen)
+            subscription(node, kind, topic, take, latched=kind is SensorLayout)
 
     def note(self, values: dict[str, str]) -> None:
         """What the reconstruction says of itself."""
