@@ -60,7 +60,7 @@ def programs() -> dict[str, Program]:
         found[name] = Program([str(FOLDER / name), "--ros-args", *words], 6.0)
     return found | {
         "live": Program([str(FOLDER / "live"), "--duration", "8", *small], 8.0),
-        "emulator": Program([str(FOLDER / "emulator"), *small, "--port", "pty:port"], 3.0),
+        "emulator": Program([*command, "emulate", *small, "--port", "pty:port"], 3.0),
         "simulate": Program([*recorded, "out.npz"], 3.0),
         "reconstruct": Program([*command, *rebuilt], 3.0, [[*recorded, "in.npz"]]),
         "optimize": Program([*command, *optimized, "--out", "out.yaml"], 6.0),

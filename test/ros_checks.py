@@ -69,7 +69,7 @@ def arguments_of(device: str, folder, layout: str, scene: str) -> dict[str, str]
 def emulator(folder, layout: str, scene: str) -> list[str]:
     """Command of the emulator, at the other end of the line of `arguments_of`."""
     words = ["--layout", layout, "--scene", scene, "--port", f"pty:{folder / 'port'}"]
-    return [program("emulator"), *words]
+    return [program("tomotactile"), "emulate", *words]
 
 
 def check_topics(probe: Probe, prefix: str = "", frame_id: str = "tactile_link") -> None:

@@ -16,6 +16,7 @@ import serial
 from devices_support import E, Watch, connected, counted, plugged, sensor, watched
 from serial import rfc2217
 
+from tomotactile_ros.cli import main
 from tomotactile_ros.devices import (
     DeviceSettings,
     cobs,
@@ -325,20 +326,20 @@ def test_unplug_and_replug_a_hundred_times(tmp_path):
 
 def test_the_emulator_says_what_it_is_and_programs_read_the_port_alone(capsys, monkeypatch):
     monkeypatch.setattr(emulator.Emulator, "run", lambda self, announce: announce("/tmp/skin"))
-    assert emulator.main(["--protocol", "text-mV"]) == 0
+    assert main(["emulate", "--protocol", "text-mV"]) == 0
     said = capsys.readouterr()
     assert said.out == "/tmp/skin\n" and said.err.count("\n") == 1
     assert "watch --layout equal-8x8 --port /tmp/skin --protocol text-mV" in said.err
 
 
 def test_the_emulator_says_in_one_line_what_it_cannot_do(capsys):
-    assert emulator.main(["--port", "usb", "--ros-args", "-r", "__node:=sensor"]) == 2
-    assert emulator.main(["--layout", "no-such-layout"]) == 2
-    assert emulator.main(["--port", "pty:/no/such/folder/port"]) == 2
+    assert main(["emulate", "--port", "usb"]) == 2
+    assert main(["emulate", "--layout", "no-such-layout"]) == 2
+    assert main(["emulate", "--port", "pty:/no/such/folder/port"]) == 2
     with pytest.raises(SystemExit, match="2"):
-        emulator.main(["--speed", "9"])
+        main(["emulate", "--speed", "9"])
     lines = capsys.readouterr().err.splitlines()
-    assert len(lines) == 4 and all(line.startswith("emulator: ") for line in lines)
+    assert len(lines) == 4 and all(line.startswith("tomotactile emulate: ") for line in lines)
     for said, words in zip(lines, ("tcp:HOST:PORT", "no-such-layout", "/no/such", "--speed")):
         assert words in said
 

@@ -35,7 +35,8 @@ def plug(spawn, tmp_path, scene):
 
     def plug_in(*arguments):
         port.unlink(missing_ok=True)
-        return spawn(program("emulator"), "--port", f"pty:{port}", "--scene", scene, *arguments)
+        words = "emulate", "--port", f"pty:{port}", "--scene", scene
+        return spawn(program("tomotactile"), *words, *arguments)
 
     plug_in.port = str(port)
     return plug_in

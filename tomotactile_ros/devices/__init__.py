@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from tomotactile_ros.devices.base import Device, Frame, Status, ThreadedDevice
+from tomotactile_ros.devices.base import Device, Frame, Status
 from tomotactile_ros.devices.text import FORMATS
 from tomotactile_ros.devices.time_source import TimeSource
 from tomotactile_ros.layouts.layout import Layout
@@ -104,7 +104,7 @@ def make_device(settings: DeviceSettings) -> Device:
         )
     if settings.device not in KINDS:
         raise InputError(f"device: {settings.device!r} is none of {', '.join(KINDS)}")
-    make: dict[str, Callable[[DeviceSettings], ThreadedDevice]] = {
+    make: dict[str, Callable[[DeviceSettings], Device]] = {
         "fake": _make_fake,
         "serial": _make_serial,
         "replay": _make_replay,
@@ -120,7 +120,7 @@ def make_device(settings: DeviceSettings) -> Device:
     return device
 
 
-def _make_fake(settings: DeviceSettings) -> ThreadedDevice:
+def _make_fake(settings: DeviceSettings) -> Device:
     from tomotactile_ros.devices.fake import FakeDevice
     from tomotactile_ros.devices.scene_beside import SceneBeside
     from tomotactile_ros.simulation import Simulator
@@ -132,7 +132,7 @@ def _make_fake(settings: DeviceSettings) -> ThreadedDevice:
     return FakeDevice(Simulator(*given), rate=settings.rate, beside=beside)
 
 
-def _make_serial(settings: DeviceSettings) -> ThreadedDevice:
+def _make_serial(settings: DeviceSettings) -> Device:
     from tomotactile_ros.devices.line import complaint_about
     from tomotactile_ros.devices.serial import SerialDevice
     from tomotactile_ros.devices.text_serial import TextSerialDevice
@@ -171,7 +171,7 @@ def _make_serial(settings: DeviceSettings) -> ThreadedDevice:
     return device
 
 
-def _make_replay(settings: DeviceSettings) -> ThreadedDevice:
+def _make_replay(settings: DeviceSettings) -> Device:
     from tomotactile_ros.devices.replay import ReplayDevice
 
     if not settings.recording:

@@ -10,10 +10,9 @@ import math
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Protocol
 
 from tomotactile_ros.devices.health import Health, Trouble
-from tomotactile_ros.devices.time_source import NO_TIME, HostTime, TimeSource
+from tomotactile_ros.devices.time_source import NO_TIME, TimeSource
 from tomotactile_ros.frame import Frame
 from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import InputError
@@ -71,41 +70,12 @@ class Status:
     troubles: tuple[Trouble, ...] = ()
 
 
-class Device(Protocol):
-    """A source of frames."""
-
-    def open(
-        self,
-        on_frame: Callable[[Frame], None],
-        on_rows: Callable[[Frame], None] | None = None,
-    ) -> None:
-        """Start; `on_frame` is called from the device's thread, once per frame.
-
-        So is `on_rows`, where it is given, with rows of frames that are still under way.
-        """
-
-    def close(self) -> None:
-        """Stop and wait for the thread; no call of `on_frame` begins afterwards."""
-
-    def status(self) -> Status:
-        """State, message and counters; from any thread."""
-
-    def set_rate(self, rate: float) -> None:
-        """Ask for `rate` frames per second; takes effect soon, see `status`."""
-
-    def set_streaming(self, streaming: bool) -> None:
-        """Pause (False) or resume (True) the frames."""
-
-    def set_scan(self, order: Sequence[int]) -> None:
-        """Ask for frames that ground these electrodes, row after row; none: the device's order."""
-
-
 class SetBack(Exception):
     """The time that a source lives in was set back."""
 
 
-class ThreadedDevice:
-    """A device whose `_run` lives in one thread; delivery, health and status are done here.
+class Device:
+    """A source of frames, whose `_run` lives in one thread; delivery, health and status are done here.
 
     Parameters
     ----------
@@ -129,7 +99,7 @@ class ThreadedDevice:
     LATE_FOR = 10.0  # s that too old frames are told of
 
     def __init__(self, electrodes: int, rate: float = 0.0) -> None:
-        self.time: TimeSource = HostTime()
+        self.time = TimeSource()
         # not by `_now`: what a serial device learns is captured, figures from any thread are not
         self.health = Health(lambda: self.time.now())
         self._electrodes = electrodes
@@ -153,7 +123,11 @@ class ThreadedDevice:
         on_frame: Callable[[Frame], None],
         on_rows: Callable[[Frame], None] | None = None,
     ) -> None:
-        """Start the thread; a device that was closed can be opened again."""
+        """Start the thread; a device that was closed can be opened again.
+
+        `on_frame` is called from the thread, once per frame. So is `on_rows`, where it is given, with
+        rows of frames that are still under way.
+        """
         if self._thread is not None:
             raise RuntimeError("the device is open already")
         self._on_frame, self._on_rows = on_frame, on_rows
@@ -165,7 +139,8 @@ class ThreadedDevice:
         self._thread.start()
 
     def close(self) -> None:
-        """Stop the thread and join it; harmless when closed already."""
+        """Stop the thread and join it; no call of `on_frame` begins afterwards. Harmless when closed
+        already."""
         self._stop.set()
         self._changed.set()
         thread = self._thread
@@ -174,7 +149,7 @@ class ThreadedDevice:
             self._thread = None
 
     def status(self) -> Status:
-        """State, message and counters of this moment."""
+        """State, message and counters of this moment; from any thread."""
         state, message = self._state
         if state == "streaming" and self.health.stale_within(self.LATE_FOR):
             state, message = "late", f"{self.health.stale_note(self.max_age)}; {message}"
@@ -184,19 +159,19 @@ class ThreadedDevice:
         return Status(state, message, counters, self.health.dead_channels.dead, tuple(troubles))
 
     def set_rate(self, rate: float) -> None:
-        """Ask for `rate` frames per second."""
+        """Ask for `rate` frames per second; takes effect soon, see `status`."""
         self._rate = float(rate)
         self.health.forget_rate()
         self._changed.set()
 
     def set_streaming(self, streaming: bool) -> None:
-        """Pause or resume."""
+        """Pause (False) or resume (True) the frames."""
         self._streaming = bool(streaming)
         self._changed.set()
 
     def set_scan(self, order: Sequence[int]) -> None:
-        """Ask for an order of the scan, none for the device's own; InputError for an impossible
-        one."""
+        """Ask for frames that ground these electrodes, row after row; none: the device's order.
+        InputError for an impossible one."""
         wanted = checks.order(list(order), "scan", self._electrodes).tolist() if order else ()
         self._scan = tuple(wanted)
         self._changed.set()

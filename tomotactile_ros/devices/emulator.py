@@ -8,12 +8,10 @@ from __future__ import annotations
 
 import argparse
 import math
-import signal
 import sys
 import threading
 import time
 from collections.abc import Callable
-from itertools import takewhile
 
 import numpy as np
 
@@ -26,7 +24,6 @@ from tomotactile_ros.frame import DEFAULT_DRIVE
 from tomotactile_ros.layouts.layout import Layout, load_layout
 from tomotactile_ros.scenes.scene import load_scene
 from tomotactile_ros.simulation import Simulator
-from tomotactile_ros.support.command_line import Parser
 from tomotactile_ros.support.errors import InputError
 
 VERSION_NAMES = tuple(map(str, VERSIONS))
@@ -109,7 +106,7 @@ class Emulator:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options of the emulator, for both programs that run it."""
+    """Options of the emulator."""
     parser.add_argument("--layout", default="equal-8x8", help="path or name of a layout")
     parser.add_argument("--scene", help="path or name of a scene; without it nothing touches")
     parser.add_argument("--rate", type=float, default=15.625, help="frames/s at power-up")
@@ -125,16 +122,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--port", default="pty", help="pty, pty:LINK, tcp:PORT or tcp:HOST:PORT (default: pty)"
     )
-
-
-def _parse(argv: list[str] | None) -> argparse.Namespace:
-    parser = Parser(
-        prog="emulator", description="A sensor without hardware, behind the real wire protocol."
-    )
-    add_arguments(parser)
-    # a launch file's Node action puts --ros-args behind, though this is no node
-    words = sys.argv[1:] if argv is None else argv
-    return parser.parse_args(list(takewhile(lambda word: word != "--ros-args", words)))
 
 
 def _make_device(arguments: argparse.Namespace) -> EmulatedDevice | PrintingDevice:
@@ -199,10 +186,6 @@ def _printing(
     return PrintingDevice(lambda t, number, order: simulator.frame(t, number), order, volts, rate)
 
 
-def _interrupt(signum: int, frame: object) -> None:
-    raise KeyboardInterrupt
-
-
 def serve(arguments: argparse.Namespace) -> None:
     """Run the emulator until it is interrupted; it prints what a host opens, and for people how."""
     device = _make_device(arguments)
@@ -221,21 +204,3 @@ def serve(arguments: argparse.Namespace) -> None:
         Emulator(device, port_maker(arguments.port)).run(announce)
     except OSError as error:
         raise InputError(f"port: {arguments.port}: {error.strerror or error}") from None
-
-
-def main(argv: list[str] | None = None) -> int:
-    """Run the emulator until it is interrupted; returns the exit status."""
-    arguments = _parse(argv)
-    signal.signal(signal.SIGTERM, _interrupt)
-    try:
-        serve(arguments)
-    except InputError as error:
-        print(f"emulator: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        return 0
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tomotactile_ros.devices.base import Frame, SetBack, ThreadedDevice
+from tomotactile_ros.devices.base import Device, Frame, SetBack
 from tomotactile_ros.devices.scene_beside import SceneBeside
 from tomotactile_ros.scenes.scene import described
 from tomotactile_ros.scenes.touches import Touch, Touches
@@ -30,7 +30,7 @@ class _Scan:
         return self.period / len(self.order)
 
 
-class FakeDevice(ThreadedDevice):
+class FakeDevice(Device):
     """Scans a simulated sheet.
 
     Frame k covers the time from k / rate to (k + 1) / rate: it is computed meanwhile, handed over

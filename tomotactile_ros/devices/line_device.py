@@ -6,7 +6,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import closing
 
-from tomotactile_ros.devices.base import ThreadedDevice
+from tomotactile_ros.devices.base import Device
 from tomotactile_ros.devices.line import Line, LineFault, open_line
 from tomotactile_ros.devices.world import Settings, World
 
@@ -22,7 +22,7 @@ def retry_delays(first: float = FIRST_RETRY, last: float = LAST_RETRY) -> Iterat
         delay = min(2.0 * delay, last)
 
 
-class LineDevice(ThreadedDevice):
+class LineDevice(Device):
     """Talks over one line after the other; all that it learns from outside comes through `_world`."""
 
     def __init__(

@@ -17,64 +17,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tomotactile_ros.devices import cobs
-from tomotactile_ros.devices.messages import (
-    ACK,
-    ALL_ADDRESSES,
-    BAD_VALUE,
-    ERROR,
-    FIELDS,
-    HARDWARE_FAULT,
-    HEADS,
-    HIGHEST_READING,
-    IDENTIFY,
-    IDENTITY,
-    KEEP_ALIVE,
-    MAX_PACKET,
-    NO_ADDRESS,
-    NO_READING,
-    OWN_ORDER,
-    ROW,
-    SET_RATE,
-    SET_SCAN,
-    START,
-    STATUS,
-    STOP,
-    UNKNOWN_COMMAND,
-    UNSUPPORTED_VERSION,
-    VERSIONS,
-)
-
-__all__ = [
-    "ACK",
-    "ALL_ADDRESSES",
-    "BAD_VALUE",
-    "ERROR",
-    "HARDWARE_FAULT",
-    "HIGHEST_READING",
-    "IDENTIFY",
-    "IDENTITY",
-    "KEEP_ALIVE",
-    "MAX_PACKET",
-    "NO_ADDRESS",
-    "NO_READING",
-    "OWN_ORDER",
-    "ROW",
-    "SET_RATE",
-    "SET_SCAN",
-    "START",
-    "STATUS",
-    "STOP",
-    "UNKNOWN_COMMAND",
-    "UNSUPPORTED_VERSION",
-    "VERSIONS",
-]
+from tomotactile_ros.devices.messages import *  # all of its names are names of the protocol
 
 MAX_WIRE = MAX_PACKET + MAX_PACKET // 254 + 1
 ALSO_VERSION_2 = "v2"  # behind the strings of an IDENTITY of version 1
 
 _CRC_RESIDUE = 0x2144DF1C  # CRC-32 of any message followed by its own CRC-32
 _MAX_SCALE = 1e6  # V per count; far above it, readings would not be finite
-_ROW_1, _ROW_2 = HEADS[ROW, 1], HEADS[ROW, 2]
 
 
 class Malformed(ValueError):
@@ -272,10 +221,18 @@ def decode(packet: bytes) -> Packet:
     if version not in VERSIONS:
         expected = " or ".join(map(str, VERSIONS))
         raise Malformed(f"protocol version {version}, expected {expected}")
+    if (kind, version) not in HEADS:
+        raise Malformed(f"unknown packet type 0x{kind:02x}")
+    head, names = HEADS[kind, version], FIELDS[kind, version]
     try:
-        return _DECODE[kind, version](packet)
-    except KeyError:
-        raise Malformed(f"unknown packet type 0x{kind:02x}") from None
+        values = head.unpack_from(packet) if kind in _TAILS else head.unpack(packet)
+        fields = {name: value for name, value in zip(names, values[2:]) if name}
+        fields["version"] = version
+        if kind in _DECODE:
+            return _DECODE[kind](fields, packet[head.size :])
+        if kind == START and version > 1:
+            return Start(**fields)
+        return SetRate(**fields) if kind == SET_RATE else Command(kind, **fields)
     except (struct.error, UnicodeDecodeError, IndexError) as error:
         raise Malformed(f"packet of type 0x{kind:02x}: {error}") from None
 
@@ -302,65 +259,26 @@ _TAILS: dict[int, Callable[[Any], bytes]] = {
 }
 
 
-def _fields(data: bytes, whole: bool = True) -> dict:
-    """Fields of fixed size by their names; `whole` where the packet has no others."""
-    key = data[0], data[1]
-    head = HEADS[key]
-    values = head.unpack(data) if whole else head.unpack_from(data)
-    return {name: value for name, value in zip(FIELDS[key], values[2:]) if name}
-
-
-def _decode_command(data: bytes) -> Command:
-    return Command(data[0], version=data[1], **_fields(data))
-
-
-def _decode_start(data: bytes) -> Start:
-    return Start(**_fields(data))
-
-
-def _decode_set_rate(data: bytes) -> SetRate:
-    return SetRate(version=data[1], **_fields(data))
-
-
-def _decode_set_scan(data: bytes) -> SetScan:
-    fields = _fields(data, whole=False)
-    count, order = fields.pop("count"), data[HEADS[SET_SCAN, 2].size :]
+def _decode_set_scan(fields: dict, order: bytes) -> SetScan:
+    count = fields.pop("count")
     if len(order) != 2 * count:
         raise Malformed(f"an order with {len(order)} bytes for {count} rows")
     return SetScan(order=tuple(np.frombuffer(order, "<u2").tolist()), **fields)
 
 
-def _decode_row_1(data: bytes) -> Row:
-    row = Row(*_ROW_1.unpack_from(data)[2:] + (data[_ROW_1.size :],))
-    _check_row(row)
-    return row
-
-
-def _decode_row_2(data: bytes) -> Row:
-    (
-        _, version, scan, index, address, _, sequence, row_end, frame_time, scale, drive, count,
-        rows, grounded, zero,
-    ) = _ROW_2.unpack_from(data)  # fmt: skip
-    row = Row(
-        count, index, rows, sequence, row_end, frame_time, scale, drive, grounded,
-        data[_ROW_2.size :], scan, zero, version, address,
-    )  # fmt: skip
-    _check_row(row)
-    return row
-
-
-def _check_row(row: Row) -> None:
+def _decode_row(fields: dict, readings: bytes) -> Row:
+    row = Row(readings=readings, **fields)
     if len(row.readings) != 2 * row.count:
         raise Malformed(f"row with {len(row.readings)} bytes for {row.count} readings")
     if row.row >= row.rows or row.grounded >= row.count:
         raise Malformed("row or grounded electrode out of range")
     if not (0.0 < row.scale <= _MAX_SCALE and 0.0 <= row.drive_voltage < math.inf):
         raise Malformed("scale or drive voltage out of range")
+    return row
 
 
-def _decode_identity(data: bytes) -> Identity:
-    fields = _fields(data, whole=False)
-    strings, position = [], HEADS[data[0], data[1]].size
+def _decode_identity(fields: dict, data: bytes) -> Identity:
+    strings, position = [], 0
     for _ in range(3):
         end = position + 1 + data[position]
         if end > len(data):
@@ -368,9 +286,9 @@ def _decode_identity(data: bytes) -> Identity:
         strings.append(_text(data[position + 1 : end]))
         position = end
     names = dict(zip(("name", "firmware", "serial"), strings))
-    if data[1] == 1:
+    if fields["version"] == 1:
         fields["also"] = ALSO_VERSION_2 if data[position:] == _string(ALSO_VERSION_2) else ""
-    identity = Identity(version=data[1], **{"max_rate": 0.0, **names, **fields})
+    identity = Identity(**{"max_rate": 0.0, **names, **fields})
     if not (identity.electrodes > 0 and identity.rows > 0 and 0.0 < identity.range < math.inf):
         raise Malformed("identity without electrodes, rows or range")
     if not -math.inf < identity.lowest <= 0.0:
@@ -381,20 +299,17 @@ def _decode_identity(data: bytes) -> Identity:
     return identity
 
 
-def _decode_ack(data: bytes) -> Ack:
-    fields = _fields(data)
+def _decode_ack(fields: dict, _: bytes) -> Ack:
     _check_rate(fields["rate"])
     fields["streaming"] = bool(fields["streaming"])
-    return Ack(version=data[1], **fields)
+    return Ack(**fields)
 
 
-def _decode_error(data: bytes) -> Error:
-    message = _text(data[HEADS[ERROR, data[1]].size :])
-    return Error(version=data[1], message=message, **_fields(data, whole=False))
+def _decode_error(fields: dict, message: bytes) -> Error:
+    return Error(message=_text(message), **fields)
 
 
-def _decode_status(data: bytes) -> Status:
-    fields = _fields(data)
+def _decode_status(fields: dict, _: bytes) -> Status:
     fields["streaming"] = bool(fields["streaming"])
     if math.isinf(fields["temperature"]):
         raise Malformed(f"a temperature of {fields['temperature']:g} °C")
@@ -411,26 +326,14 @@ def _check_rate(rate: float) -> None:
         raise Malformed(f"{rate:g} is no rate")
 
 
-_DECODE: dict[tuple[int, int], Callable[[bytes], Packet]] = {
-    (IDENTIFY, 1): _decode_command,
-    (IDENTIFY, 2): _decode_command,
-    (START, 1): _decode_command,
-    (START, 2): _decode_start,
-    (STOP, 1): _decode_command,
-    (STOP, 2): _decode_command,
-    (SET_RATE, 1): _decode_set_rate,
-    (SET_RATE, 2): _decode_set_rate,
-    (SET_SCAN, 2): _decode_set_scan,
-    (KEEP_ALIVE, 2): _decode_command,
-    (ROW, 1): _decode_row_1,
-    (ROW, 2): _decode_row_2,
-    (IDENTITY, 1): _decode_identity,
-    (IDENTITY, 2): _decode_identity,
-    (ACK, 1): _decode_ack,
-    (ACK, 2): _decode_ack,
-    (ERROR, 1): _decode_error,
-    (ERROR, 2): _decode_error,
-    (STATUS, 2): _decode_status,
+# of those that are no mere command: from the fields of fixed size, and what is behind them
+_DECODE: dict[int, Callable[[dict, bytes], Packet]] = {
+    SET_SCAN: _decode_set_scan,
+    ROW: _decode_row,
+    IDENTITY: _decode_identity,
+    ACK: _decode_ack,
+    ERROR: _decode_error,
+    STATUS: _decode_status,
 }
 
 

@@ -7,13 +7,13 @@ import os
 from collections.abc import Iterator
 from dataclasses import replace
 
-from tomotactile_ros.devices.base import Frame, SetBack, ThreadedDevice, rows_of, rows_time
+from tomotactile_ros.devices.base import Device, Frame, SetBack, rows_of, rows_time
 from tomotactile_ros.devices.health import Trouble
 from tomotactile_ros.devices.recording import read_frames
 from tomotactile_ros.simulation import ROW_PERIOD
 
 
-class ReplayDevice(ThreadedDevice):
+class ReplayDevice(Device):
     """Frames of a recording, stamped anew: their last row is taken when they are played.
 
     Parameters

@@ -9,50 +9,33 @@ from __future__ import annotations
 import math
 import threading
 import time
-from typing import Protocol
 
 NO_TIME = "no simulated time: nobody publishes /clock, or it still says 0"
 
 
-class TimeSource(Protocol):
-    """Time, s; 0 while it is not known."""
+class TimeSource:
+    """Time, s, of a clock of this machine that is never set; stamps are Unix time. Others have a time of
+    their own, 0 while it is not known."""
 
     def now(self) -> float:
         """The time it is."""
+        return time.monotonic()
 
     def before(self) -> float:
         """The time it was before the last step: what was due since then is not late. Of a time that
         goes evenly: `now`."""
+        return self.now()
 
     def since(self) -> float:
         """The time that it was set to last: what was due before then is of no use, and not lost."""
-
-    def stamp(self, when: float) -> float:
-        """What a time of `now` is in stamps."""
-
-    def wait(self, until: float, news: threading.Event) -> None:
-        """Wait until then, until `news` is set, or until a time that goes in steps goes on."""
-
-
-class HostTime:
-    """Time of a clock of this machine that is never set; stamps are Unix time."""
-
-    def now(self) -> float:
-        """The time it is, s."""
-        return time.monotonic()
-
-    before = now
-
-    def since(self) -> float:
-        """It is never set."""
         return -math.inf
 
     def stamp(self, when: float) -> float:
-        """Unix time of a time of `now`, s."""
+        """What a time of `now` is in stamps."""
         return unix_time(when)
 
     def wait(self, until: float, news: threading.Event) -> None:
-        """Wait until then, or until `news` is set."""
+        """Wait until then, until `news` is set, or until a time that goes in steps goes on."""
         news.wait(max(0.0, until - time.monotonic()))
 
 

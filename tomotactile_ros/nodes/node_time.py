@@ -16,7 +16,7 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 
 from tomotactile_ros.devices.health import Trouble
-from tomotactile_ros.devices.time_source import NO_TIME, HostTime
+from tomotactile_ros.devices.time_source import NO_TIME, TimeSource
 
 _STILL = 1.0  # s without a step of simulated time after which it is taken to stand still
 # s by which a step of simulated time is longer than the step before and the real time since that: it was set, and
@@ -47,11 +47,11 @@ def troubles_of_time(node: Node) -> list[Trouble]:
     return [Trouble("time", True, f"{NO_TIME} (use_sim_time is set)")]
 
 
-class NodeTime:
-    """The time of a node as a `devices.time_source.TimeSource`: it goes on in steps where it is simulated."""
+class NodeTime(TimeSource):
+    """The time of a node: it goes on in steps where it is simulated."""
 
     def __init__(self, node: Node):
-        self._clock, self._host = clock_of(node), HostTime()
+        self._clock = clock_of(node)
         self._lock = threading.Lock()
         self._waiting: set[threading.Event] = set()
         self._before, self._since = 0.0, -math.inf
@@ -68,24 +68,24 @@ class NodeTime:
         """The time it is, s."""
         if self._clock.ros_time_is_active:
             return self._clock.now().nanoseconds * 1e-9
-        return self._host.now()
+        return super().now()
 
     def before(self) -> float:
         """The time it was before the last step, s."""
-        return self._before if self._clock.ros_time_is_active else self._host.now()
+        return self._before if self._clock.ros_time_is_active else super().before()
 
     def since(self) -> float:
         """The time that it was set to last, s."""
-        return self._since if self._clock.ros_time_is_active else self._host.since()
+        return self._since if self._clock.ros_time_is_active else super().since()
 
     def stamp(self, when: float) -> float:
         """What a time of `now` is in stamps, s."""
-        return when if self._clock.ros_time_is_active else self._host.stamp(when)
+        return when if self._clock.ros_time_is_active else super().stamp(when)
 
     def wait(self, until: float, news: threading.Event) -> None:
         """Wait until then, until `news` is set, or for the next step."""
         if not self._clock.ros_time_is_active:
-            self._host.wait(until, news)
+            super().wait(until, news)
             return
         with self._lock:
             self._waiting.add(news)
