@@ -12,9 +12,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from tomotactile_ros.bench.program import Table, options
+from tomotactile_ros.bench import tables
+from tomotactile_ros.bench.program import options
 from tomotactile_ros.bench.reference import ReferenceSheet
-from tomotactile_ros.bench.sensor import tables
 from tomotactile_ros.bench.sensor.states import FINGER, fingers
 from tomotactile_ros.bench.sensor.trial import judge, presses
 from tomotactile_ros.bench.trials import DRIVE, NOISE, make_pipeline
@@ -71,7 +71,7 @@ def main():
         touches=(30, "to learn from; 0: none (30)"),
         presses=(12, "that are judged (12)"),
     )
-    table = Table("case", "method", *tables.HEADER)
+    table = tables.Table("case", "method", *tables.titles(tables.HELD))
     for name in args.cases or CASES:
         drawn, made = CASES[name]
         sheet, random = ReferenceSheet(made), np.random.default_rng(3)
@@ -84,7 +84,7 @@ def main():
             methods["learned"] = make_pipeline(drawn, sensor=state)
         for method, pipeline in methods.items():
             found = judge(pipeline, replace(judging, layout=drawn))
-            table.add(name, method, *tables.cells(found))
+            table.add(name, method, *tables.cells(tables.HELD, found))
 
 
 if __name__ == "__main__":

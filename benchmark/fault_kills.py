@@ -27,7 +27,7 @@ import numpy as np
 import yaml
 from nodes import FOLDER, arguments
 
-from tomotactile_ros.bench.program import Table
+from tomotactile_ros.bench.tables import Table
 from tomotactile_ros.optimizer.work import Work
 
 MARK = "TOMOTACTILE_FAULTS"

@@ -33,7 +33,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from tomotactile_ros.bench.program import Table, options
+from tomotactile_ros.bench.program import options
 from tomotactile_ros.devices.base import Status
 from tomotactile_ros.devices.serial import SerialDevice
 from tomotactile_ros.layouts.layout import equal_grid
@@ -47,6 +47,8 @@ import fault_kills
 from fault_sensor import Judge, Sensor, sensor
 from nodes import Nodes, arguments
 from sensor import ANSWERS, IDENTITY, ROWS
+
+from tomotactile_ros.bench.tables import Table
 
 LEVELS = ("OK", "WARN", "ERROR")
 SECONDS = 4.0  # of most cases

@@ -14,11 +14,12 @@ the untouched sheet.
 import numpy as np
 
 from tomotactile_ros.bench.cases import PROFILES
-from tomotactile_ros.bench.program import Table, options, spread
+from tomotactile_ros.bench.program import options, spread
 from tomotactile_ros.bench.sensor.parts import WIRINGS, WORN
 from tomotactile_ros.bench.sensor.readings import Wiring, potentials, readings, untouched
 from tomotactile_ros.bench.sensor.states import states
 from tomotactile_ros.bench.sensor.trial import Trial, judged
+from tomotactile_ros.bench.tables import Table
 from tomotactile_ros.bench.trials import make_pipeline
 from tomotactile_ros.scenes.channels import Channels, Rms
 

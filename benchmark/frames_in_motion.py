@@ -20,8 +20,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from tomotactile_ros.bench.program import Table, options
-from tomotactile_ros.bench.sensor import tables
+from tomotactile_ros.bench import tables
+from tomotactile_ros.bench.program import options
 from tomotactile_ros.bench.trials import DRIVE, make_pipeline, make_scene
 from tomotactile_ros.evaluation import scoring
 from tomotactile_ros.layouts.layout import Layout, load_layout
@@ -107,7 +107,9 @@ def main() -> None:
     layout = load_layout(given.layout)
     lasts, grounded = layout.electrodes * ROW_PERIOD, np.arange(layout.electrodes)
     follow = _by_rows if given.rows else _by_frames
-    table = Table("scene", *tables.HEADER, "ms of processor: median / p95 / worst")
+    table = tables.Table(
+        "scene", *tables.titles(tables.HELD), "ms of processor: median / p95 / worst"
+    )
     for place, kind in enumerate(KINDS):
         scores, times = [], []
         for number in range(given.scenes):
@@ -123,7 +125,9 @@ def main() -> None:
                     scores.append(judged(result, scene, at))
         found = scoring.summary(scores, len(times) - len(scores))
         took = np.quantile(times, (0.5, 0.95, 1.0))
-        table.add(kind, *tables.cells(found), " / ".join(f"{each:.3g}" for each in took))
+        table.add(
+            kind, *tables.cells(tables.HELD, found), " / ".join(f"{each:.3g}" for each in took)
+        )
 
 
 if __name__ == "__main__":

@@ -16,13 +16,13 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.figure import Figure
 
-from tomotactile_ros.bench.program import Table, options
+from tomotactile_ros.bench import tables
+from tomotactile_ros.bench.program import options
 from tomotactile_ros.bench.reference_cases import WORN
 from tomotactile_ros.bench.sensor.readings import Wiring, potentials, readings
 from tomotactile_ros.bench.sensor.states import States, states
 from tomotactile_ros.bench.sensor.trial import judge, presses
 from tomotactile_ros.bench.trials import DRIVE, LAW, NOISE, make_pipeline
-from tomotactile_ros.evaluation import scoring
 from tomotactile_ros.learning import findings
 from tomotactile_ros.learning.recorded import learn
 from tomotactile_ros.reconstruction.calibration import fit_contact_law
@@ -88,7 +88,7 @@ def measured(case):
     found = judge(pipeline, rest)
     seconds = (time.process_time() - start) / len(rest.frames)
     errors = compared(learned.state, learned.operator, case, layout)
-    cells = [case.name, str(case.touches), *scoring.cells(found)]
+    cells = [case.name, str(case.touches), *tables.cells(tables.SCORES, found)]
     cells.append(f"{law.coefficient / LAW.coefficient:.3f}")
     for key, unit, digits, _ in KINDS:
         cells += [f"{unit * value:.{digits}f}" for value in errors[key]]
@@ -163,7 +163,9 @@ def main():
     learned = [
         name for words in ("gains %", "to ground ohm", "sheet %") for name in (words, "bound")
     ]
-    table = Table("sensor", "touches", *scoring.HEADER, "factor", *learned, "s a frame")
+    table = tables.Table(
+        "sensor", "touches", *tables.titles(tables.SCORES), "factor", *learned, "s a frame"
+    )
     courses = {}
     for case in CASES:
         cells, courses[f"{case.name}, {case.touches}"] = measured(case)

@@ -17,9 +17,10 @@ from itertools import product
 import numpy as np
 
 from tomotactile_ros.bench.cases import DEFAULT_LAYOUT
-from tomotactile_ros.bench.program import Table, options, spread
+from tomotactile_ros.bench.program import options, spread
 from tomotactile_ros.bench.reference import ReferenceSheet, reference_frame
 from tomotactile_ros.bench.reference_mesh import disc
+from tomotactile_ros.bench.tables import Table
 from tomotactile_ros.bench.trials import DRIVE, LAW, NOISE, make_pipeline, make_scene
 from tomotactile_ros.evaluation.scoring import score_frame
 from tomotactile_ros.layouts.layout import Layout, load_layout

@@ -35,7 +35,8 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import SingleThreadedExecutor
 from sensor_msgs.msg import Image
 
-from tomotactile_ros.bench.program import Table, options
+from tomotactile_ros.bench.program import options
+from tomotactile_ros.bench.tables import Table
 from tomotactile_ros.msg import ContactArray
 from tomotactile_ros.nodes.conversions import stamp_of
 from tomotactile_ros.nodes.live import use_own_domain

@@ -25,7 +25,8 @@ from functools import partial
 
 import numpy as np
 
-from tomotactile_ros.bench.program import Table, options, spread
+from tomotactile_ros.bench.program import options, spread
+from tomotactile_ros.bench.tables import Table
 from tomotactile_ros.bench.trials import DRIVE, make_pipeline, make_scene
 from tomotactile_ros.layouts import scan_order
 from tomotactile_ros.layouts.layout import Layout, load_layout

@@ -130,7 +130,7 @@ def speed():
     for name, seconds in times.items():
         summary = timing.summary(seconds)
         figures = summary["median"], summary["spread"], timing.undisturbed(seconds)
-        rows.append((name, *map(tables.milliseconds, figures)))
+        rows.append((name, *(f"{1e3 * each:.3g}" for each in figures)))
     return ("8 x 8 electrodes, 41 x 41 nodes", "ms", "spread ms", "shortest ms"), rows
 
 

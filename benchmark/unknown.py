@@ -11,16 +11,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from tomotactile_ros.bench import reference_slides
+from tomotactile_ros.bench import reference_slides, tables
 from tomotactile_ros.bench.cases import DEFAULT_LAYOUT
-from tomotactile_ros.bench.program import Table, options
+from tomotactile_ros.bench.program import options
 from tomotactile_ros.bench.reference import ReferenceSheet
 from tomotactile_ros.bench.sensor.changes import sliding
 from tomotactile_ros.bench.sensor.parts import WIRINGS, WORN
 from tomotactile_ros.bench.sensor.states import fingers, states
 from tomotactile_ros.bench.sensor.trial import judge, presses
 from tomotactile_ros.bench.trials import DRIVE, NOISE, make_pipeline
-from tomotactile_ros.evaluation import scoring
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.learning.recorded import learn
 from tomotactile_ros.reconstruction.settings import AUTO, UNKNOWN
@@ -57,7 +56,7 @@ def frames_of(name, step):
 
 def main():
     args = options(__doc__, *SENSORS, step=(2, "every so manieth press"))
-    table = Table("sensor", "left out", "ms a frame", *scoring.HEADER)
+    table = tables.Table("sensor", "left out", "ms a frame", *tables.titles(tables.SCORES))
     for name in args.cases or SENSORS:
         trial, sensor = frames_of(name, args.step), None
         if name == "learned":
@@ -71,7 +70,7 @@ def main():
             begun = time.process_time()
             found = judge(pipeline, trial)
             taken = 1e3 * (time.process_time() - begun) / len(trial.frames)
-            table.add(name, left_out or AUTO, f"{taken:.1f}", *scoring.cells(found))
+            table.add(name, left_out or AUTO, f"{taken:.1f}", *tables.cells(tables.SCORES, found))
 
 
 if __name__ == "__main__":

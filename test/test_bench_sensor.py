@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from tomotactile_ros import cli
+from tomotactile_ros.bench import report
 from tomotactile_ros.bench.bound import Bounds
 from tomotactile_ros.bench.reference import Admittance
 from tomotactile_ros.bench.reference_slides import SlideData
-from tomotactile_ros.bench.sensor import changes, parts, tables, trial
+from tomotactile_ros.bench.sensor import TITLES, changes, parts, trial
 from tomotactile_ros.bench.sensor.readings import Wiring, potentials, readings, untouched
 from tomotactile_ros.bench.sensor.states import States, states
 from tomotactile_ros.bench.trials import DRIVE, LAW, NOISE, make_pipeline
@@ -161,7 +162,7 @@ def test_refused_and_withheld_frames_are_counted_and_not_judged():
 
 def test_the_cases_of_every_part_are_there():
     """All that the reference data hold of the default layout."""
-    assert list(tables.TITLES) == list(parts.PARTS)
+    assert list(TITLES) == list(parts.PARTS)
     made = {part: list(parts.PARTS[part](12)) for part in parts.PARTS}
     assert {"onset", "release", "0.2 m/s", "1 m/s"} <= {each.case for each in made["time"]}
     assert {each.case for each in made["channels"]} == set(parts.WIRINGS)
@@ -182,11 +183,11 @@ def test_tables_show_ghosts_and_misses_beside_places_and_bounds_where_there_are_
     sure = contact | {"position_covariance": np.eye(2).ravel() * 1e-6, "force_std": 0.1}
     row = {"case": "a", "method": "m", "bound": None}
     row |= trial.judge(Recorder(lambda i: says(sure)), _one([contact]))
-    shown = "\n".join(tables.text({"channels": [row]}))
+    shown = "\n".join(report.sensor_lines({"channels": [row]}))
     assert "ghosts" in shown and "missed" in shown and "bound mm" not in shown
     assert "95 % regions: place %" in shown and shown.split().count("100") == 2
     off = row | {"place": row["place"] | {"median": 5e-5}, "bound": 2.5e-5}
-    shown = "\n".join(tables.text({"channels": [off]}))
+    shown = "\n".join(report.sensor_lines({"channels": [off]}))
     assert "place / bound" in shown and " 0.025     2.0\n" in shown
 
 
@@ -255,7 +256,8 @@ def test_the_command_measures_parts_with_other_methods_beside_the_profiles(
         ("--parts crowd --methods nowhere:none", "'nowhere:none' is no module:function"),
         ("--parts crowd --methods json", "'json' is no module:function"),
         ("--methods json:loads", "--methods: belongs to --parts"),
-        ("--from x.json --parts crowd", "not allowed"),
+        ("--compare x.json y.json --parts crowd", "not allowed"),
+        ("--readme README.md --parts crowd", "not those of --parts"),
     ],
 )
 def test_what_cannot_be_measured_is_one_line(words, said, tmp_path, capsys, monkeypatch):

@@ -6,7 +6,8 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from tomotactile_ros.evaluation.scoring import HEADER, cells, score, score_frame
+from tomotactile_ros.bench import tables
+from tomotactile_ros.evaluation.scoring import score, score_frame
 
 
 @dataclass
@@ -101,7 +102,7 @@ def test_many_frames_are_summed_and_withheld_ones_are_not_judged():
     assert found["force"]["median"] == pytest.approx(0.15)
     assert found["ospa"]["mean"] == pytest.approx((0.001 + 0.0065 + 0.01) / 3)
     assert found["coverage"] == {"place": None, "force": None}
-    row = dict(zip(HEADER, cells(found)))
+    row = dict(zip(tables.titles(tables.SCORES), tables.cells(tables.SCORES, found)))
     assert row["frames"] == "3 + 1 withheld" and row["missed"] == "1 of 3"
     assert (row["ghosts"], row["doubled"], row["weak"]) == ("1", "0", "0")
 

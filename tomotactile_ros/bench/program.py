@@ -1,4 +1,4 @@
-"""What the programs under benchmark/ have in common: options, cells, and tables that grow."""
+"""What the programs under benchmark/ have in common: options, and cells of tables."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from tomotactile_ros.bench.machine import use_one_thread
-from tomotactile_ros.bench.tables import markdown
 
 
 def options(doc: str, *cases: str, **known: Any) -> argparse.Namespace:
@@ -46,13 +45,3 @@ def spread(values, digits: int = 1, shares=(0.5, 0.95)) -> str:
     """Median and 95th percentile, or other quantiles, as a cell."""
     found = np.quantile(values, shares) if len(values) else ()
     return " / ".join(f"{each:.{digits}f}" for each in found) or "-"
-
-
-class Table:
-    """A table in Markdown, of which every row is printed as soon as it is known."""
-
-    def __init__(self, *header: str):
-        print(*markdown(header, []), sep="\n", flush=True)
-
-    def add(self, *row: str) -> None:
-        print(f"| {' | '.join(row)} |", flush=True)

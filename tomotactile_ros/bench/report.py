@@ -8,28 +8,88 @@ from math import inf
 from pathlib import Path
 
 from tomotactile_ros.bench import tables
-from tomotactile_ros.bench.accuracy import SENSORS
 from tomotactile_ros.bench.cases import PROFILES, is_default
 from tomotactile_ros.bench.extremes import BEYOND
-from tomotactile_ros.bench.sensor import tables as sensor
+from tomotactile_ros.bench.sensor import TITLES
+from tomotactile_ros.bench.tables import Column
 from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.support.files import write_atomic
 
 _BEGIN, _END = "<!-- bench:profiles -->", "<!-- /bench:profiles -->"
 
-DEADLINES = (
-    *("sensor", "deadline ms", "OSPA mm", "ghosts", "missed", "force %"),
-    *("withheld", "complete", "median ms", "worst ms"),
+TRADE: tuple[Column, ...] = (  # of `trade.measure`
+    ("set-up", "{setup.median:.2f} s"),
+    ("memory", "{memory:1e-6 .3g} MB"),
+    ("frame: median, p99", "{frame.textbook.median:1e3 .3g} ms, {frame.textbook.p99:1e3 .3g} ms"),
+    ("OSPA", "{ospa.textbook:1e3 .2f} mm"),
+    ("worn sensor: frame", "{frame.worn.median:1e3 .3g} ms, {frame.worn.p99:1e3 .3g} ms"),
+    ("OSPA", "{ospa.worn:1e3 .2f} mm"),
+    (
+        "one contact: error, p95; ghosts, missed",
+        (
+            "{contact_error.mean:1e3 .2f} mm, {contact_error.p95:1e3 .2f} mm; "
+            "{scores.textbook.one.ghosts+doubled}, {scores.textbook.one.missed}"
+        ),
+    ),
+    (
+        "worn sensor: error; ghosts, missed",
+        (
+            "{worn.contact_error.mean:1e3 .2f} mm; "
+            "{scores.worn.one.ghosts+doubled}, {scores.worn.one.missed}"
+        ),
+    ),
+    ("two contacts from", "{two_contacts:1e3 .1f} mm"),
+    (
+        "force error, one and two",
+        "{force_error.one.mean:100 .0f} %, {force_error.two.mean:100 .0f} %",
+    ),
+    ("image: HWHM, PE", "{hwhm.mean:1e3 .1f} mm, {position_error.mean:1e3 .1f} mm"),
 )
-PEERS = (
-    *("what", "set-up s", "frame ms", "spread ms", "OSPA mm", "worn"),
-    *("HWHM mm", "PE mm", "p95", "blur mm"),
+TRADE_LEGEND = """\
+frame: from voltages to contacts. OSPA: places, ghosts and missed contacts in one figure, mean of all
+frames, cut-off 10 mm; a frame that is withheld counts as one without contacts. error: of the reported
+place; two contacts from: smallest distance from which on 80 % of the pairs are told apart; force error:
+of these pairs; HWHM, PE: of the image of one contact."""
+DEADLINES: tuple[Column, ...] = (
+    ("sensor", "{sensor}"),
+    ("deadline ms", "{deadline:1e3 .3g}"),
+    ("OSPA mm", "{ospa:1e3 .2f}"),
+    ("ghosts", "{ghosts}"),
+    ("missed", "{missed}"),
+    ("force %", "{force:100 .1f}"),
+    ("withheld", "{withheld} of {frames}"),
+    ("complete", "{complete} of {frames}"),
+    ("median ms", "{median:1e3 .3g}"),
+    ("worst ms", "{worst:1e3 .3g}"),
 )
-COSTS = "electrodes", "pixels", "set-up s", "frame ms", "MB"
+SENSOR_LEGEND = """\
+ghosts: reported contacts 10 mm or more from every true one; doubled: nearer, beside one that is paired
+already; weak: below 0.02 N, not judged; missed: true contacts without a pair; place, force: of pairs;
+OSPA: places, ghosts and misses in one figure, mean of the frames, cut-off 10 mm; bound: Cramer-Rao
+bound of the same places, median; place: median of the errors in parts of it, 0.83 at best."""
+PEERS: tuple[Column, ...] = (
+    ("what", "{what}"),
+    ("set-up s", "{setup:.2f}"),
+    ("frame ms", "{frame.median:1e3 .3g}"),
+    ("spread ms", "{frame.spread:1e3 .3g}"),
+    ("OSPA mm", "{ospa.textbook:1e3 .2f}"),
+    ("worn", "{ospa.worn:1e3 .2f}"),
+    ("HWHM mm", "{hwhm.mean:1e3 .1f}"),
+    ("PE mm", "{position_error.mean:1e3 .1f}"),
+    ("p95", "{position_error.p95:1e3 .1f}"),
+    ("blur mm", "{blur.mean:1e3 .1f}"),
+)
+COSTS: tuple[Column, ...] = (
+    ("electrodes", "{electrodes}"),
+    ("pixels", "{pixels}"),
+    ("set-up s", "{setup:.3f}"),
+    ("frame ms", "{frame:1e3 .3g}"),
+    ("MB", "{memory:1e-6 .3g}"),
+)
 
 
 def lines(result: dict, width: float = inf) -> Iterator[str]:
-    """Everything that was measured, as tables for a terminal of `width` characters."""
+    """What was measured, as tables for a terminal of `width` characters."""
     machine = result["machine"]
     cores = f"{machine['processor']}, {machine['cores']} cores"
     yield f"{cores}, {machine['system']}, {machine['date']}"
@@ -38,30 +98,60 @@ def lines(result: dict, width: float = inf) -> Iterator[str]:
     threads = (f"{name}={value or '-'}" for name, value in machine["threads"].items())
     seconds = sum(result["seconds"].values())
     yield f"threads: {', '.join(threads)}; {seconds:.0f} s, {result['peak_memory'] / 1e6:.0f} MB"
-    yield from ("", "Speed and accuracy")
-    rows = [(row["layout"], row["profile"], *tables.trade_cells(row)) for row in result["trade"]]
-    yield from tables.text(("layout", "profile", *tables.TRADE), rows, width, fixed=2)
-    yield from (tables.LEGEND, "")
-    yield "What time buys: frames that follow one another, profile auto"
-    yield from tables.text(DEADLINES, map(_deadline, result["deadlines"]), width)
-    yield from ("", "The sensor as it is, 40 x 40 pixels")
-    skipped = {
-        rows["skipped"]: part for part, rows in result["sensor"].items() if "skipped" in rows
-    }
-    measured = {p: rows for p, rows in result["sensor"].items() if p not in skipped.values()}
-    yield from (*sensor.text(measured, width), *skipped, "")
-    yield "Peers on the same problem: 8 x 8 electrodes, 40 x 40 pixels"
-    found = result["peers"]["problem"]
-    skipped = {name: each["skipped"] for name, each in found.items() if "skipped" in each}
-    yield from tables.text(PEERS, (_peer(n, each) for n, each in found.items() if n not in skipped))
-    yield from skipped.values()
-    yield from (f"{name}: {ratio:.3g}" for name, ratio in result["peers"]["ratios"].items())
-    yield from ("", "Growth of cost, profile fast: exponents of electrodes and pixels")
-    for by, found in result["growth"].items():
-        yield from tables.text(COSTS, map(_cost, found["points"]))
-        powers = (f"{name} n^{value:.2f}" for name, value in found["exponents"].items())
+    for title, key, section in (
+        ("Speed and accuracy", "trade", _trade),
+        ("What time buys: frames that follow one another, profile auto", "deadlines", _deadlines),
+        ("The sensor as it is, 40 x 40 pixels", "sensor", sensor_lines),
+        ("Peers on the same problem: 8 x 8 electrodes, 40 x 40 pixels", "peers", _peers),
+        ("Growth of cost, profile fast: exponents of electrodes and pixels", "growth", _growth),
+        ("Stability", "stability", stability_lines),
+    ):
+        if result.get(key):
+            yield from ("", title, *section(result[key], width))
+
+
+def _trade(rows, width):
+    columns = (("layout", "{layout}"), ("profile", "{profile}"), *TRADE)
+    yield from (*tables.of(columns, rows, width, fixed=2), TRADE_LEGEND)
+
+
+def _deadlines(rows, width):
+    return tables.of(DEADLINES, rows, width)
+
+
+def sensor_lines(found: dict[str, list[dict] | dict], width: float = inf) -> Iterator[str]:
+    """Of rows of `sensor.trial.measure` by part, or why there are none. Bounds have columns where
+    there are any."""
+    columns: tuple[Column, ...] = (("case", "{case}"), ("method", "{method}"), *tables.HELD)
+    skipped = [rows["skipped"] for rows in found.values() if isinstance(rows, dict)]
+    for part, rows in found.items():
+        if isinstance(rows, dict):
+            continue
+        bounded = any(row["bound"] is not None for row in rows)
+        bound = ("bound mm", "{bound:1e3 .3f}"), ("place / bound", _part_of_bound)
+        yield TITLES[part]
+        yield from tables.of((*columns, *(bound if bounded else ())), rows, width, fixed=2)
+        yield ""
+    yield from (SENSOR_LEGEND, *dict.fromkeys(skipped))
+
+
+def _part_of_bound(row):
+    bound, median = row["bound"], row["place"]["median"]
+    return "-" if None in (bound, median) else f"{median / bound:.1f}"
+
+
+def _peers(found, width):
+    rows = [each | {"what": name} for name, each in found["problem"].items()]
+    yield from tables.of(PEERS, (row for row in rows if "skipped" not in row))
+    yield from (row["skipped"] for row in rows if "skipped" in row)
+    yield from (f"{name}: {ratio:.3g}" for name, ratio in found["ratios"].items())
+
+
+def _growth(found, width):
+    for by, each in found.items():
+        yield from tables.of(COSTS, each["points"])
+        powers = (f"{name} n^{value:.2f}" for name, value in each["exponents"].items())
         yield f"with n {by}: {', '.join(powers)}"
-    yield from ("", "Stability", *stability_lines(result["stability"], width))
 
 
 def stability_lines(rows: list[dict], width: float = inf) -> Iterator[str]:
@@ -72,41 +162,6 @@ def stability_lines(rows: list[dict], width: float = inf) -> Iterator[str]:
     yield from tables.text(("what", "value", *PROFILES), lines, width, 2)
     yield from (f"[{number}] {text}" for text, number in refusals.items())
     yield _beyond(rows)
-
-
-def _deadline(row):
-    counts = (f"{row[key]} of {row['frames']}" for key in ("withheld", "complete"))
-    return (
-        row["sensor"],
-        tables.milliseconds(row["deadline"]),
-        *(f"{1e3 * row['ospa']:.2f}", str(row["ghosts"]), str(row["missed"])),
-        tables.number(row["force"], 100, ".1f"),
-        *counts,
-        *(tables.milliseconds(row[key]) for key in ("median", "worst")),
-    )
-
-
-def _peer(name, found):
-    merits = (
-        ("hwhm", "mean"),
-        ("position_error", "mean"),
-        ("position_error", "p95"),
-        ("blur", "mean"),
-    )
-    return (
-        name,
-        tables.number(found.get("setup"), 1, ".2f"),
-        *(tables.milliseconds(found["frame"][key]) for key in ("median", "spread")),
-        *(tables.number(found.get("ospa", {}).get(each), 1e3, ".2f") for each in SENSORS),
-        *(tables.number(found.get(key, {}).get(which), 1e3, ".1f") for key, which in merits),
-    )
-
-
-def _cost(point):
-    return (
-        *(str(point["electrodes"]), str(point["pixels"]), f"{point['setup']:.3f}"),
-        *(tables.milliseconds(point["frame"]), f"{point['memory'] / 1e6:.3g}"),
-    )
 
 
 def _of_profiles(row, refusals):
@@ -148,8 +203,8 @@ def rewrite(path: str | Path, result: dict) -> None:
     """Fill the file at `path` between `_BEGIN` and `_END` with the profiles on 8 x 8 electrodes and
     40 x 40 pixels, and what measured them. Raises InputError as `check` does."""
     before, after = check(path)
-    rows = filter(is_default, result["trade"])
-    cells = [(f"`{row['profile']}`", *tables.trade_cells(row)) for row in rows]
+    columns = (("profile", "`{profile}`"), *TRADE)
+    cells = [tables.cells(columns, row) for row in filter(is_default, result["trade"])]
     machine = result["machine"]
     said = (
         "8 × 8 electrodes on 200 mm × 200 mm, 40 × 40 pixels, contacts of 5 mm radius, "
@@ -158,7 +213,7 @@ def rewrite(path: str | Path, result: dict) -> None:
         f"{machine['processor']}, Python {machine['python']}, "
         f"numpy {machine['libraries']['numpy']}, {machine['date']}."
     )
-    table = tables.markdown(("profile", *tables.TRADE), cells)
+    table = tables.markdown(tables.titles(columns), cells)
     text = "\n".join([f"{before}{_BEGIN}", *table, "", said, f"{_END}{after}"])
     write_atomic(path, text.encode())
 

@@ -7,7 +7,7 @@ import hashlib
 import json
 import resource
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -17,6 +17,7 @@ from tomotactile_ros.bench import deadlines, extremes, growth, machine, peers, t
 from tomotactile_ros.bench.cases import CASES, DEFAULT_LAYOUT
 from tomotactile_ros.bench.sensor.parts import ON_DEMAND, PARTS
 from tomotactile_ros.bench.sensor.parts import measure as measure_sensor
+from tomotactile_ros.bench.sensor.trial import Methods, profiles
 from tomotactile_ros.bench.trade import EFFORT
 from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.support.files import write_atomic
@@ -24,6 +25,7 @@ from tomotactile_ros.support.progress import Progress
 from tomotactile_ros.support.yamlio import plain
 
 FORMAT = "tomotactile-bench/10"
+FORMAT_OF_PARTS = "tomotactile-bench-parts/1"
 Tick = Callable[[float], None]
 SENSOR = tuple(name for name in PARTS if name not in ON_DEMAND)
 _EIGHTH, _THIRD = 8, 3  # of the presses of the sensor's parts, of the values of each extreme
@@ -32,12 +34,13 @@ _EIGHTH, _THIRD = 8, 3  # of the presses of the sensor's parts, of the values of
 class Store:
     """Parts of a benchmark by their names, kept in the file at `path`.
 
-    Parts of another machine or version of the code are forgotten.
+    Parts of another machine or version of the code, or of other `methods`, are forgotten.
     """
 
-    def __init__(self, path: str | Path):
+    def __init__(self, path: str | Path, methods: Sequence[str] = ()):
         self.path = Path(path)
-        self._made_by = {"machine": machine.describe() | {"date": None}, "code": _code()}
+        made_on = machine.describe() | {"date": None}
+        self._made_by = {"machine": made_on, "code": _code(), "methods": list(methods)}
         self.parts: dict[str, Any] = self._load()
 
     def add(self, name: str, found: Any) -> None:
@@ -79,9 +82,8 @@ class Part:
     measure: Callable[[Tick], Any]
 
 
-def measure(store: Store) -> dict:
-    """Everything as plain data, see docs/benchmarks.md; `store` keeps every part."""
-    todo = list(parts())
+def measure(store: Store, todo: Sequence[Part]) -> dict:
+    """What the parts find as plain data, see docs/benchmarks.md; `store` keeps every part."""
     left = [part for part in todo if part.name not in store.parts]
     with Progress("benchmark", round(sum(part.seconds for part in left)) or 1) as progress:
         before = 0.0
@@ -100,24 +102,34 @@ def measure(store: Store) -> dict:
     kept = {part.name: store.parts[part.name] for part in todo}
     found = {name: each["found"] for name, each in kept.items()}
     return {
-        "format": FORMAT,
         "machine": machine.describe(),
         "seconds": {name: each["seconds"] for name, each in kept.items()},
         "peak_memory": max(each["peak_memory"] for each in kept.values()),
-        "sensor": {name: found.pop(name) for name in SENSOR if name in found},
+        "sensor": {name: found.pop(name) for name in PARTS if name in found},
         **found,
     }
 
 
-def parts() -> Iterator[Part]:
-    """What is measured, in this order."""
-    yield Part("trade", 110, partial(trade.measure, CASES, EFFORT))
-    for name in SENSOR:
-        yield Part(name, 8, partial(_sensor_part, name))
-    yield Part("deadlines", 50, deadlines.measure)
-    yield Part("peers", 15, lambda tick: peers.compare(trade.recorded(DEFAULT_LAYOUT, EFFORT.size)))
-    yield Part("growth", 15, growth.measure)
-    yield Part("stability", 60, lambda tick: list(extremes.run(_THIRD, tick)))
+def parts(asked: Sequence[str] = (), methods: Sequence[Methods] = (profiles,)) -> list[Part]:
+    """What is measured, in this order: everything, of the sensor's parts and of the extremes a part of
+    the cases; or all cases of what is asked for."""
+    if not asked:
+        recorded = partial(trade.recorded, DEFAULT_LAYOUT, EFFORT.size)
+        return [
+            Part("trade", 110, partial(trade.measure, CASES, EFFORT)),
+            *(Part(name, 8, partial(_sensor_part, name)) for name in SENSOR),
+            Part("deadlines", 50, deadlines.measure),
+            Part("peers", 15, lambda tick: peers.compare(recorded())),
+            Part("growth", 15, growth.measure),
+            Part("stability", 60, lambda tick: list(extremes.run(_THIRD, tick))),
+        ]
+    every = {name: Part(name, 64, partial(_whole_part, name, methods)) for name in PARTS}
+    every["stability"] = Part("stability", 180, lambda tick: list(extremes.run(1, tick)))
+    return [every[name] for name in dict.fromkeys(asked)]
+
+
+def _whole_part(name, methods, tick):
+    return measure_sensor(name, methods=methods)
 
 
 def _sensor_part(name, tick):

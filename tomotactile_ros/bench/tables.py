@@ -2,10 +2,51 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from math import inf
+from string import Formatter
 
 Row = Sequence[str]
+Column = tuple[str, str | Callable[[dict], str]]  # its title, and its cell as `cells` takes it
+
+
+class _Fields(Formatter):
+    def get_field(self, field_name, args, kwargs):
+        found, (*path, last) = kwargs, field_name.split(".")
+        for key in path:
+            found = found.get(key, {})
+        if "+" in last:
+            return sum(found[key] for key in last.split("+")), field_name
+        return found.get(last), field_name
+
+    def format_field(self, value, format_spec):
+        factor, _, form = format_spec.rpartition(" ")
+        if value is None:
+            return "-"
+        return format(float(factor) * value if factor else value, form)
+
+
+def cells(columns: Iterable[Column], row: dict) -> list[str]:
+    """What the columns say of a row of plain data.
+
+    A cell is a function of the row, or a text in which `{place.p95:1e3 .2f}` is what the row has under
+    `place` and there under `p95`, times 1e3, with two digits, a dash where it has nothing, and
+    `{ghosts+doubled}` the sum of both.
+    """
+    return [
+        cell(row) if callable(cell) else _Fields().vformat(cell, (), row) for _, cell in columns
+    ]
+
+
+def titles(columns: Iterable[Column]) -> list[str]:
+    return [title for title, _ in columns]
+
+
+def of(
+    columns: Sequence[Column], rows: Iterable[dict], width: float = inf, fixed: int = 1
+) -> Iterator[str]:
+    """`text` of rows of plain data."""
+    return text(titles(columns), (cells(columns, row) for row in rows), width, fixed)
 
 
 def text(header: Row, rows: Iterable[Row], width: float = inf, fixed: int = 1) -> Iterator[str]:
@@ -38,53 +79,36 @@ def markdown(header: Row, rows: Iterable[Row]) -> list[str]:
     return [f"| {' | '.join(row)} |" for row in (header, ["---"] * len(header), *rows)]
 
 
-def number(value: float | None, unit: float, form: str) -> str:
-    """In parts of 1 / `unit`, as 1e3 for ms and mm; a dash where there is none."""
-    return "-" if value is None else f"{unit * value:{form}}"
+class Table:
+    """A table in Markdown, of which every row is printed as soon as it is known."""
+
+    def __init__(self, *header: str):
+        print(*markdown(header, []), sep="\n", flush=True)
+
+    def add(self, *row: str) -> None:
+        print(f"| {' | '.join(row)} |", flush=True)
 
 
-def milliseconds(seconds: float | None) -> str:
-    return number(seconds, 1e3, ".3g")
+def _frames(row: dict) -> str:
+    withheld = f" + {row['withheld']} withheld" if row["withheld"] else ""
+    return f"{row['frames']}{withheld}"
 
 
-TRADE = (
-    "set-up", "memory", "frame: median, p99", "OSPA", "worn sensor: frame", "OSPA",
-    "one contact: error, p95; ghosts, missed", "worn sensor: error; ghosts, missed",
-    "two contacts from", "force error, one and two", "image: HWHM, PE",
-)  # fmt: skip
-LEGEND = """\
-frame: from voltages to contacts. OSPA: places, ghosts and missed contacts in one figure, mean of all
-frames, cut-off 10 mm; a frame that is withheld counts as one without contacts. error: of the reported
-place; two contacts from: smallest distance from which on 80 % of the pairs are told apart; force error:
-of these pairs; HWHM, PE: of the image of one contact."""
-
-
-def trade_cells(row: dict) -> Row:
-    """Of one row of `trade.measure`, in the order of TRADE."""
-    error, force, scores = row["contact_error"], row["force_error"], row["scores"]
-    trade = []
-    for sensor, frame in row["frame"].items():
-        median, p99 = (milliseconds(frame[key]) for key in ("median", "p99"))
-        trade += [f"{median} ms, {p99} ms", f"{_mm(row['ospa'][sensor])} mm"]
-    apart = row["two_contacts"]
-    one, two = (number(force[key]["mean"], 100, ".0f") for key in ("one", "two"))
-    return (
-        f"{row['setup']['median']:.2f} s",
-        f"{number(row['memory'], 1e-6, '.3g')} MB",
-        *trade,
-        f"{_mm(error['mean'])} mm, {_mm(error['p95'])} mm; {_false_ones(scores['textbook'])}",
-        f"{_mm(row['worn']['contact_error']['mean'])} mm; {_false_ones(scores['worn'])}",
-        "-" if apart is None else f"{_mm(apart, 1)} mm",
-        f"{one} %, {two} %",
-        f"{_mm(row['hwhm']['mean'], 1)} mm, {_mm(row['position_error']['mean'], 1)} mm",
-    )
-
-
-def _mm(metres, digits=2):
-    return number(metres, 1e3, f".{digits}f")
-
-
-def _false_ones(scores: dict) -> str:
-    """Ghosts and doubled contacts, and missed ones, of one contact (`evaluation.scoring`)."""
-    one = scores["one"]
-    return f"{one['ghosts'] + one['doubled']}, {one['missed']}"
+SCORES: tuple[Column, ...] = (  # of what `evaluation.scoring.summary` says
+    ("frames", _frames),
+    ("ghosts", "{ghosts}"),
+    ("doubled", "{doubled}"),
+    ("weak", "{weak}"),
+    ("missed", "{missed} of {true}"),
+    ("place mm: median", "{place.median:1e3 .2f}"),
+    ("p95", "{place.p95:1e3 .2f}"),
+    ("worst", "{place.worst:1e3 .2f}"),
+    ("force %: median", "{force.median:100 .1f}"),
+    ("p95", "{force.p95:100 .1f}"),
+    ("OSPA mm", "{ospa.mean:1e3 .2f}"),
+)
+HELD: tuple[Column, ...] = (
+    *SCORES,
+    ("95 % regions: place %", "{coverage.place:100 .0f}"),
+    ("force %", "{coverage.force:100 .0f}"),
+)

@@ -9,6 +9,7 @@ import sys
 from math import inf
 from pathlib import Path
 
+from tomotactile_ros.bench.sensor import TITLES
 from tomotactile_ros.support.errors import InputError
 
 HELP = "measure speed, accuracy and stability on this machine"
@@ -16,23 +17,13 @@ HELP = "measure speed, accuracy and stability on this machine"
 
 def add_arguments(parser):
     mode = parser.add_mutually_exclusive_group()
-    mode.add_argument("--from", dest="source", help="take this result instead of measuring")
     mode.add_argument(
         "--compare", nargs=2, metavar=("A", "B"), help="are the ratios in two results the same?"
     )
     mode.add_argument(
         "--parts",
         nargs="+",
-        choices=(
-            "time",
-            "channels",
-            "sheets",
-            "layouts",
-            "crowd",
-            "wide",
-            "wide-channels",
-            "stability",
-        ),
+        choices=(*TITLES, "stability"),
         help="only these parts on sensors that are not ideal: every press with its ghosts, misses, "
         "place and force; or the limits of stability",
     )
@@ -58,22 +49,60 @@ def run(args):
         return _compare(*map(load, args.compare))
     if args.methods and not args.parts:
         raise InputError("--methods: belongs to --parts, which is missing")
-    args.out = args.out or ("out/bench-parts.json" if args.parts else "out/bench.json")
-    if args.parts:
-        return _measure_parts(args)
-    from tomotactile_ros.bench import report
+    if args.readme and args.parts:
+        raise InputError("--readme: its figures are not those of --parts")
+    from tomotactile_ros.bench import plots, report, run
+    from tomotactile_ros.bench.machine import use_one_thread
+    from tomotactile_ros.bench.sensor.trial import find_methods, profiles
+    from tomotactile_ros.support.files import check_out, write_atomic
 
     if args.readme:
         report.check(args.readme)  # before anything is measured
-    result = load(args.source) if args.source else _measure(args)
+    use_one_thread()
+    out = Path(args.out or ("out/bench-parts.json" if args.parts else "out/bench.json"))
+    out.parent.mkdir(parents=True, exist_ok=True)
+    check_out(out, ".json")
+    todo = run.parts(args.parts or (), [profiles, *map(find_methods, args.methods)])
+    store = run.Store(out.with_suffix(".part.json"), args.methods)
+    result = {"format": run.FORMAT_OF_PARTS if args.parts else run.FORMAT, **_measured(store, todo)}
+    write_atomic(out, json.dumps(result, indent=1, allow_nan=False).encode())
+    if not args.parts:
+        plots.save_front(out.with_name(f"{out.stem}-front.png"), result)
+    store.remove()
     width = shutil.get_terminal_size((0, 0)).columns or inf
     print("\n".join(report.lines(result, width)))
-    if not args.source:
-        print(f"\n{args.out}, with a plot of the front beside it")
+    print(f"\n{out}" + ("" if args.parts else ", with a plot of the front beside it"))
     if args.readme:
         report.rewrite(args.readme, result)
         print(f"{args.readme}: figures rewritten")
     return 0
+
+
+def _measured(store, todo):
+    """What the parts find, those that the store has not left out."""
+    from tomotactile_ros.bench.run import measure
+    from tomotactile_ros.support.yamlio import plain
+
+    done = [part.name for part in todo if part.name in store.parts]
+    if done:
+        print(
+            f"{store.path}: continued, {len(done)} of {len(todo)} parts are done", file=sys.stderr
+        )
+    elif store.path.exists():
+        print(
+            f"{store.path}: was measured with other code or on another machine: starting over",
+            file=sys.stderr,
+        )
+    store.save()  # a folder that takes no file is told now, not after the first part
+    try:
+        return plain(measure(store, todo))
+    except KeyboardInterrupt:
+        print(
+            f"{store.path}: keeps what is done, {len(store.parts)} of {len(todo)} parts; "
+            "the same command goes on from there",
+            file=sys.stderr,
+        )
+        raise
 
 
 def load(path):
@@ -88,81 +117,6 @@ def load(path):
     if found != FORMAT:
         was = "is missing" if found is None else f"{found!r} is of another version"
         raise InputError(f"{path}: format: {was}, `tomotactile bench` reads {FORMAT}")
-    return result
-
-
-def _measure_parts(args):
-    """Tables of single parts; the file has the same rows."""
-    from tomotactile_ros.bench import extremes as limits
-    from tomotactile_ros.bench import report
-    from tomotactile_ros.bench.machine import use_one_thread
-    from tomotactile_ros.bench.sensor import tables
-    from tomotactile_ros.bench.sensor.parts import measure
-    from tomotactile_ros.bench.sensor.trial import find_methods, profiles
-    from tomotactile_ros.support.files import check_out, write_atomic
-    from tomotactile_ros.support.yamlio import plain
-
-    use_one_thread()
-    out = Path(args.out)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    check_out(out, ".json")
-    methods = [profiles, *map(find_methods, args.methods)]
-    found, extremes = {}, []
-    for part in dict.fromkeys(args.parts):
-        print(f"{part} ...", file=sys.stderr, flush=True)
-        if part == "stability":
-            extremes = list(limits.run())
-        else:
-            found[part] = measure(part, methods=methods)
-    content = {"format": "tomotactile-bench-parts/1", "sensor": plain(found)}
-    if extremes:
-        content["stability"] = plain(extremes)
-    write_atomic(out, json.dumps(content, indent=1, allow_nan=False).encode())
-    width = shutil.get_terminal_size((0, 0)).columns or inf
-    if found:
-        print("\n".join(tables.text(found, width)))
-    if extremes:
-        print("\n".join(report.stability_lines(extremes, width)))
-    print(f"\n{out}", file=sys.stderr)
-    return 0
-
-
-def _measure(args):
-    from tomotactile_ros.bench import plots
-    from tomotactile_ros.bench.machine import use_one_thread
-    from tomotactile_ros.bench.run import Store, measure, parts
-    from tomotactile_ros.support.files import check_out, write_atomic
-    from tomotactile_ros.support.yamlio import plain
-
-    use_one_thread()
-    out = Path(args.out)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    check_out(out, ".json")
-    store = Store(out.with_suffix(".part.json"))
-    count = len(list(parts()))
-    if store.parts:
-        print(
-            f"{store.path}: continued, {len(store.parts)} of {count} parts are done",
-            file=sys.stderr,
-        )
-    elif store.path.exists():
-        print(
-            f"{store.path}: was measured with other code or on another machine: starting over",
-            file=sys.stderr,
-        )
-    store.save()  # a folder that takes no file is told now, not after the first part
-    try:
-        result = plain(measure(store))
-    except KeyboardInterrupt:
-        print(
-            f"{store.path}: keeps what is done, {len(store.parts)} of {count} parts; "
-            "the same command goes on from there",
-            file=sys.stderr,
-        )
-        raise
-    write_atomic(out, json.dumps(result, indent=1, allow_nan=False).encode())
-    plots.save_front(out.with_name(f"{out.stem}-front.png"), result)
-    store.remove()
     return result
 
 

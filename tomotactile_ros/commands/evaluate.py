@@ -10,7 +10,7 @@ from argparse import (
     RawDescriptionHelpFormatter,
 )
 
-from tomotactile_ros.bench.tables import text
+from tomotactile_ros.bench import tables
 from tomotactile_ros.evaluation.layout_quality import MODELS, evaluate_layout
 from tomotactile_ros.evaluation.paper_model import CONTACT_RADIUS
 from tomotactile_ros.evaluation.places import CONTACT_RADIUS as TOUCH_RADIUS
@@ -23,7 +23,6 @@ from tomotactile_ros.evaluation.point_spread import (
 )
 from tomotactile_ros.evaluation.posterior import PAIRS_APART, SEPARATION, Conditions, expected
 from tomotactile_ros.evaluation.profile_quality import evaluate_profile
-from tomotactile_ros.evaluation.scoring import HEADER, cells
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.reconstruction.settings import PROFILES
 from tomotactile_ros.support import checks
@@ -206,7 +205,7 @@ def as_text(content):
         yield from _touch_lines(content["touch"])
     if content["contacts"] is not None:
         yield "reported contacts, ghosts and misses with a cut-off of 10 mm:"
-        yield from ("  " + line for line in text(HEADER, [cells(content["contacts"])]))
+        yield from ("  " + line for line in tables.of(tables.SCORES, [content["contacts"]]))
     regions = sorted(content["regions"], key=lambda region: -region["hwhm"])
     yield f"{len(regions)} regions ({content['regions_are']}), the worst first:"
     yield "  row col  contacts  area/cm2              HWHM    position error"

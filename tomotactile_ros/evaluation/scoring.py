@@ -163,34 +163,6 @@ def summary(scores: Sequence[FrameScore], withheld: int = 0) -> dict:
     }
 
 
-HEADER = (
-    "frames", "ghosts", "doubled", "weak", "missed", "place mm: median", "p95", "worst", "force %: median",
-    "p95", "OSPA mm",
-)  # fmt: skip
-
-
-def cells(figures: dict) -> tuple[str, ...]:
-    """A row of a table under HEADER, of what `summary` gives; missed ones beside the true ones."""
-    place, force = figures["place"], figures["force"]
-    frames = str(figures["frames"])
-    if figures["withheld"]:
-        frames += f" + {figures['withheld']} withheld"
-    return (
-        frames,
-        str(figures["ghosts"]),
-        str(figures["doubled"]),
-        str(figures["weak"]),
-        f"{figures['missed']} of {figures['true']}",
-        *(_scaled(place[key], 1e3, 2) for key in ("median", "p95", "worst")),
-        *(_scaled(force[key], 100, 1) for key in ("median", "p95")),
-        _scaled(figures["ospa"]["mean"], 1e3, 2),
-    )
-
-
-def _scaled(value, factor, digits):
-    return "-" if value is None else f"{factor * value:.{digits}f}"
-
-
 def _is_needed(true):
     """Whether a true contact is missed where it is not reported."""
     return not true.get(PART) and (true["force"] is None or true["force"] >= LEAST_FORCE)
