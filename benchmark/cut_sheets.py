@@ -14,7 +14,6 @@ import numpy as np
 
 from tomotactile_ros.bench import tables
 from tomotactile_ros.bench.program import options
-from tomotactile_ros.bench.reference import ReferenceSheet
 from tomotactile_ros.bench.sensor.states import FINGER, fingers
 from tomotactile_ros.bench.sensor.trial import judge, presses
 from tomotactile_ros.bench.trials import DRIVE, NOISE, make_pipeline
@@ -74,11 +73,11 @@ def main():
     table = tables.Table("case", "method", *tables.titles(tables.HELD))
     for name in args.cases or CASES:
         drawn, made = CASES[name]
-        sheet, random = ReferenceSheet(made), np.random.default_rng(3)
-        judging = presses(name, fingers(sheet, places(made, random, args.presses), random))
+        random = np.random.default_rng(3)
+        judging = presses(name, fingers(made, places(made, random, args.presses), random))
         methods = {each: make_pipeline(drawn, each) for each in ("fast", "accurate")}
         if args.touches:
-            touched = presses(name, fingers(sheet, places(made, random, args.touches), random))
+            touched = presses(name, fingers(made, places(made, random, args.touches), random))
             frames = np.where(np.eye(len(drawn.positions), dtype=bool), np.nan, touched.frames)
             state = learn(drawn, frames, drawn.grounded, DRIVE, noise=NOISE).state
             methods["learned"] = make_pipeline(drawn, sensor=state)

@@ -54,7 +54,7 @@ class Case:
         else:
             every = states(f"learning-{self.layout}", WORN[self.sheet].words)
         first, last = slice(self.touches), slice(-JUDGED, None)
-        both = (each[first] + each[last] for each in (every.seen, every.truths))
+        both = (each[first] + each[last] for each in (every.seen, every.truths, every.cases))
         return States(every.layout, *both)
 
 

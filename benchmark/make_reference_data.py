@@ -11,9 +11,10 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-from tomotactile_ros.bench import reference_data, reference_slides
+from tomotactile_ros.bench import reference_slides
 from tomotactile_ros.bench.program import options
 from tomotactile_ros.bench.reference_cases import FAMILIES, family
+from tomotactile_ros.bench.sensor.states import solved
 from tomotactile_ros.support.errors import InputError
 
 FOLDER = Path(__file__).resolve().parent / "data"
@@ -38,7 +39,7 @@ def main():
             reference_slides.make(path.stem, path, most=args.few)
         else:
             made = family(name)
-            reference_data.make(replace(made, states=made.states[: args.few]), path)
+            solved(replace(made, states=made.states[: args.few])).save(path)
         print(f"{name}: {path.stat().st_size / 1e6:.2f} MB", flush=True)
 
 

@@ -14,7 +14,6 @@ import numpy as np
 from tomotactile_ros.bench import reference_slides, tables
 from tomotactile_ros.bench.cases import DEFAULT_LAYOUT
 from tomotactile_ros.bench.program import options
-from tomotactile_ros.bench.reference import ReferenceSheet
 from tomotactile_ros.bench.sensor.changes import sliding
 from tomotactile_ros.bench.sensor.parts import WIRINGS, WORN
 from tomotactile_ros.bench.sensor.states import fingers, states
@@ -48,9 +47,7 @@ def frames_of(name, step):
     if family == FOUR:
         random = np.random.default_rng(4)
         places = random.uniform(-0.085, 0.085, (24 // step, 2))
-        return presses(
-            name, fingers(ReferenceSheet(load_layout("equal-4x4")), places, random), wiring
-        )
+        return presses(name, fingers(load_layout("equal-4x4"), places, random), wiring)
     return presses(name, states(family, case, most).every(step), wiring)
 
 

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tomotactile_ros.bench import reference_data, reference_slides
+from tomotactile_ros.bench import reference_slides
 from tomotactile_ros.bench.reference import reference_frame
 from tomotactile_ros.bench.reference_cases import FAMILIES, family, truth
-from tomotactile_ros.bench.sensor.states import states
+from tomotactile_ros.bench.sensor.states import solved, states
 from tomotactile_ros.bench.trials import LAW
 from tomotactile_ros.scenes.contact import Contact
 from tomotactile_ros.scenes.scene import Scene
@@ -52,7 +52,7 @@ def reference_model():
 
 def test_made_again_and_through_a_file(tmp_path, reference_model):
     whole = family("textbook-4x4")
-    reference_data.make(replace(whole, states=whole.states[:2]), tmp_path / "two.npz")
+    solved(replace(whole, states=whole.states[:2])).save(tmp_path / "two.npz")
     made, kept = states(tmp_path / "two.npz"), states("textbook-4x4", most=2)
     for one, other in zip(made.seen, kept.seen, strict=True):
         difference = reference_frame(one, 3.3) - reference_frame(other, 3.3)

@@ -40,7 +40,7 @@ def admittance(seed=0):
 
 def some_states(count=2):
     truths = [[{"x": 0.01 * i, "y": 0.0, "force": 1.0}] for i in range(count)]
-    return States(LAYOUT, [admittance(i) for i in range(count)], truths)
+    return States(LAYOUT, [admittance(i) for i in range(count)], truths, [""] * count)
 
 
 @dataclass
@@ -90,7 +90,12 @@ def test_a_touch_changes_between_two_rows_of_the_frame_that_is_judged(beside, en
     touched = some_states(6)
     if beside:
         lasting = {"x": 0.05, "y": 0.0, "force": 2.0}
-        both = States(LAYOUT, touched.seen[::-1], [[lasting, *truth] for truth in touched.truths])
+        both = States(
+            LAYOUT,
+            touched.seen[::-1],
+            [[lasting, *truth] for truth in touched.truths],
+            touched.cases,
+        )
         made = changes.beside("case", touched, both, end)
     else:
         made = changes.alone("case", touched, end)

@@ -5,7 +5,7 @@
     layout     JSON: name, outline, sheet_resistance, radius, positions (E, 2)
 
 Gains, offsets, resistances to ground, noise and converters are not in them: they follow by formula.
-`bench.sensor.states` reads them.
+`bench.sensor.states` makes and reads them.
 """
 
 from __future__ import annotations
@@ -18,31 +18,12 @@ from pathlib import Path
 
 import numpy as np
 
-from tomotactile_ros.bench.reference import ReferenceSheet
-from tomotactile_ros.bench.reference_cases import Family, truth
 from tomotactile_ros.layouts.layout import FORMAT, Layout, load_layout
-from tomotactile_ros.scenes.sheet_field import conductance_of
 from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.support.files import shared_folders, write_atomic
 from tomotactile_ros.support.yamlio import plain
 
 FOLDER = Path("benchmark/data")
-
-
-def make(family: Family, path: str | os.PathLike, h: float | None = None) -> None:
-    """Solve all states of a family and write them; an existing file is replaced whole or not at all."""
-    layout = family.layout
-    models = [
-        ReferenceSheet(layout, conductance_of(layout, s.field, s.variation), h=h)
-        for s in family.sheets
-    ]
-    packed, states = [], []
-    for state in family.states:
-        contacts = [(press.shape, press.conductance) for press in state.contacts]
-        packed.append(models[state.sheet].solve(contacts).packed)
-        truths = [truth(press, layout.outline) for press in state.contacts]
-        states.append({"case": state.case, "contacts": truths})
-    write(path, layout, {"packed": np.array(packed, np.float32)}, {"states": states})
 
 
 def write(path: str | os.PathLike, layout: Layout, arrays: dict, texts: dict) -> None:

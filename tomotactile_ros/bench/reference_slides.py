@@ -21,9 +21,10 @@ from zlib import crc32
 import numpy as np
 
 from tomotactile_ros.bench import reference_data
-from tomotactile_ros.bench.reference import Admittance, ReferenceSheet, reference_frame
-from tomotactile_ros.bench.reference_cases import Press, truth
+from tomotactile_ros.bench.reference import reference_frame
+from tomotactile_ros.bench.reference_cases import Family, Press, State, truth
 from tomotactile_ros.bench.reference_mesh import Ellipse, disc
+from tomotactile_ros.bench.sensor.states import solved
 from tomotactile_ros.layouts.layout import Layout, load_layout
 from tomotactile_ros.simulation import ROW_PERIOD
 
@@ -83,19 +84,17 @@ def slides(name: str) -> tuple[Layout, list[Slide]]:
 
 def solve(layout: Layout, slide: Slide, h: float | None = None) -> np.ndarray:
     """(V, N L, E) `rows` of a slide."""
-    sheet = ReferenceSheet(layout, h=h)
     numbers = np.arange(SCANS * layout.electrodes)
-    states: dict[float, Admittance] = {}
-    out = []
-    for speed in SPEEDS:
-        ways = np.round(speed * ROW_PERIOD * numbers, 9).tolist()
-        for way in ways:
-            if way not in states:
-                press = slide.at(way)
-                states[way] = sheet.solve([(press.shape, press.conductance)])
-        along = [states[way] for way in ways]
-        out.append(reference_frame(along, 1.0, grounded=numbers % layout.electrodes))
-    return np.array(out, np.float32)
+    ways = np.round(ROW_PERIOD * np.outer(SPEEDS, numbers), 9)
+    places, which = np.unique(ways, return_inverse=True)
+    found = solved(Family(layout, [State("slide", [slide.at(way)]) for way in places.tolist()]), h)
+    return np.array(
+        [
+            reference_frame([found.seen[k] for k in row], 1.0, grounded=numbers % layout.electrodes)
+            for row in which.reshape(ways.shape)
+        ],
+        np.float32,
+    )
 
 
 def make(

@@ -24,19 +24,13 @@ from typing import Any
 import numpy as np
 
 from tomotactile_ros.bench.accuracy import distances, force_errors, told_apart
-from tomotactile_ros.bench.reference import ReferenceSheet
-from tomotactile_ros.bench.reference_cases import (
-    Family,
-    Sheet,
-    pair_states,
-    textbook_states,
-    truth,
-)
+from tomotactile_ros.bench.reference_cases import Family, Sheet, pair_states, textbook_states
 from tomotactile_ros.bench.sensor.readings import potentials, readings, untouched
+from tomotactile_ros.bench.sensor.states import solved
 from tomotactile_ros.bench.trials import DRIVE, make_pipeline
 from tomotactile_ros.evaluation.places import usual_apart
 from tomotactile_ros.layouts.layout import Layout
-from tomotactile_ros.scenes.sheet_field import SheetVariation, conductance_of
+from tomotactile_ros.scenes.sheet_field import SheetVariation
 
 EVEN, UNEVEN = "even", "random 10 %"
 FIGURES: dict[str, Callable[..., Any]] = {"mean": np.mean, "p95": partial(np.percentile, q=95)}
@@ -85,24 +79,16 @@ def touches(layout: Layout, singles: int) -> Family:
 
 def found(layout: Layout, singles: int) -> Found:
     """What is found of `touches`, with noise and conversion, each frame after one without contact."""
-    family = touches(layout, singles)
-    h = max(layout.outline.size) / _ELEMENTS
-    sheets = [
-        ReferenceSheet(layout, conductance_of(layout, each.field, each.variation), h=h)
-        for each in family.sheets
-    ]
+    touched = solved(touches(layout, singles), max(layout.outline.size) / _ELEMENTS)
     rows = np.asarray(layout.grounded)
-    idle = readings(untouched(layout.electrodes), seed=(_SEED, len(family.states)))[rows]
+    idle = readings(untouched(layout.electrodes), seed=(_SEED, len(touched.seen)))[rows]
     pipeline = make_pipeline(layout)
     seen: dict[str, list[tuple]] = {}  # by case what is there, and what is reported
-    for number, state in enumerate(family.states):
-        contacts = [(press.shape, press.conductance) for press in state.contacts]
-        admittance = sheets[state.sheet].solve(contacts)
-        frame = readings(potentials(admittance), seed=(_SEED, number))[rows]
+    every = zip(touched.cases, touched.truths, touched.seen, strict=True)
+    for number, (case, true, state) in enumerate(every):
+        frame = readings(potentials(state), seed=(_SEED, number))[rows]
         pipeline.process(idle, rows, DRIVE)
-        result = pipeline.process(frame, rows, DRIVE)
-        true = [truth(press, layout.outline) for press in state.contacts]
-        seen.setdefault(state.case, []).append((true, result))
+        seen.setdefault(case, []).append((true, pipeline.process(frame, rows, DRIVE)))
     place, force, told = {}, {}, {}
     for case, both in seen.items():
         there, results = zip(*both, strict=True)
