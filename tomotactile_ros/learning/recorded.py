@@ -139,54 +139,36 @@ def learn(
     check_layout(layout)
     check_on_sheet(layout, checks.length(radius, "radius"), "radius")
     checks.positive(noise, "noise", "voltage in V")
-    given = stacked(frames, grounded, drive)
-    return _learned(layout, *given, noise, radius, model, most, state, course, before, watch)
-
-
-def _learned(
-    layout: Layout,
-    frames: np.ndarray,
-    grounded: np.ndarray,
-    drive: float,
-    noise: float,
-    radius: float,
-    model: str,
-    most: int,
-    state: SensorState | None,
-    course: bool,
-    before: np.ndarray | None,
-    watch: Watch,
-) -> Learned:
-    """The same, of voltages (N, L, E), V."""
-    given = len(frames)
-    kept = np.flatnonzero(_read(frames, grounded))
-    frames = frames[kept]
-    if not len(frames):
+    voltages, order, volts = stacked(frames, grounded, drive)
+    given = len(voltages)
+    kept = np.flatnonzero(_read(voltages, order))
+    voltages = voltages[kept]
+    if not len(voltages):
         raise InputError("no frame has readings")
-    idle = np.array([is_untouched(frame, grounded, noise) for frame in frames])
-    constant = idle & ~_are_offsets(frames, grounded, state)
-    frames, idle, kept = frames[~constant], idle[~constant], kept[~constant]
-    if not len(frames):
+    idle = np.array([is_untouched(frame, order, noise) for frame in voltages])
+    constant = idle & ~_are_offsets(voltages, order, state)
+    voltages, idle, kept = voltages[~constant], idle[~constant], kept[~constant]
+    if not len(voltages):
         raise InputError(
             f"all {given} frames read the same whichever electrode is grounded, and far more than "
             "offsets; readings of a few mV are wanted where nothing touches: is anything grounded, and "
             "is the range of the converter wide enough?"
         )
-    ends = clipped(frames, drive)
-    faults = _faults(frames, grounded, idle, noise)
+    ends = clipped(voltages, volts)
+    faults = _faults(voltages, order, idle, noise)
     used = np.array([e for e in range(layout.electrodes) if e not in faults])
     if len(used) < 2:
         raise InputError("fewer than two electrodes can be read")
     operator, wide = operator_for(layout, model, used), WIDE.for_layout(layout)
     state = state or SensorState.unknown(operator, wide)
-    like = Prior.unknown(operator, wide, radius, drive)
-    learner = Learner(Search(operator), like, drive, state)
+    like = Prior.unknown(operator, wide, radius, volts)
+    learner = Learner(Search(operator), like, volts, state)
     ended: tuple[int, ...] = ()
     if idle.any():
-        found = offsets(frames[idle], grounded, noise, state["offset"], state.std("offset"))
+        found = offsets(voltages[idle], order, noise, state["offset"], state.std("offset"))
         learner.untouched(found, int(idle.sum()))
         ended = tuple(np.flatnonzero(found.ended).tolist())
-    chosen = _different(frames, ends, ~idle, noise, most)
+    chosen = _different(voltages, ends, ~idle, noise, most)
     done = Learned(
         learner.state,
         operator,
@@ -201,20 +183,20 @@ def _learned(
         return done
     start = learner.state
     if before is None:
-        earlier = np.array([rows_before(frame, grounded) for frame in frames[chosen]])
+        earlier = np.array([rows_before(frame, order) for frame in voltages[chosen]])
     else:
         earlier = before[kept][chosen]
-    settling = kept_of_rows_before(learner, frames[chosen], earlier, ends[chosen], grounded, noise)
+    settling = kept_of_rows_before(learner, voltages[chosen], earlier, ends[chosen], order, noise)
     if settling is not None:
-        frames[chosen] = settling.less(frames[chosen], earlier)
+        voltages[chosen] = settling.less(voltages[chosen], earlier)
         done = replace(done, settling=settling)
-    steady, asymmetry = _steady(learner, frames, ends, grounded, chosen, drive, noise)
-    chosen, moved = chosen[steady], int((~steady).sum())
+    squares = np.array([square(voltages[i], order, ends[i]) for i in chosen])
+    steady, asymmetry = _steady(learner, squares, noise)
+    chosen, squares, moved = chosen[steady], squares[steady], int((~steady).sum())
     if not len(chosen):
         return replace(done, moved=moved, asymmetry=asymmetry)
-    _gains(learner, frames, ends, grounded, chosen, drive, noise)
-    rows = [rows_of(operator, frames[i], grounded, drive, noise, ends[i]) for i in chosen]
-    squares = [square(frames[i], grounded, ends[i]) for i in chosen]
+    _gains(learner, squares, noise)
+    rows = [rows_of(operator, voltages[i], order, volts, noise, ends[i]) for i in chosen]
     if torn(learner, rows[:_PROBED], squares):
         start = replace(start, tears=learner.state.tears)
     known = learner.state
@@ -291,41 +273,35 @@ def _different(frames, ends, touched, noise, most):
     return which[order]
 
 
-def _steady(learner, frames, ends, grounded, chosen, drive, noise):
-    """(n,) bool, which of the `chosen` frames are of one state of the sheet, as reciprocity says; its
+def _steady(learner, squares, noise):
+    """(n,) bool, which of the frames `squares` (n, E, E), V, are of one state of the sheet, as reciprocity says; its
     chi-squared per equation in the typical one of these, None where too few pairs were read."""
     found = []
-    for first in range(0, len(chosen), _GAINS):
-        misfit = _misfits(
-            learner, frames, ends, grounded, chosen[first : first + _GAINS], drive, noise
-        )
+    for first in range(0, len(squares), _GAINS):
+        misfit = _misfits(learner, squares[first : first + _GAINS], noise)
         if misfit is None:
-            return np.ones(len(chosen), bool), None
+            return np.ones(len(squares), bool), None
         found.append(misfit)
     misfit = np.concatenate(found)
     steady = misfit < _MOVING
     return steady, float(np.median(misfit[steady] if steady.any() else misfit))
 
 
-def _misfits(learner, frames, ends, grounded, part, drive, noise):
-    """(n,) chi-squared per equation of reciprocity of each frame of `part`, None where too few pairs
-    were read.
+def _misfits(learner, squares, noise):
+    """(n,) chi-squared per equation of reciprocity of each frame, None where too few pairs were read.
 
     Most touches begin and end within a frame, which contradicts reciprocity by itself. Of the others, one in
     which something moves spoils the gains that all are fitted with: the worst are left out, half of them at
     the most in each turn, until the others agree. Where these are fewer than half there is no telling which
     are right, and all are judged together.
     """
-    given = learner, frames, ends, grounded
-    known = np.array([_alone(*given, part[[i]], drive, noise) for i in range(len(part))])
+    known = np.array([_alone(learner, each[None], noise) for each in squares])
     kept, at_first = np.flatnonzero(known < _MOVING), None
     steady = len(kept)
     while len(kept) and 2 * len(kept) >= steady:
         try:
-            gains = _by_reciprocity(*given, part[kept], drive, noise)
-        except (
-            np.linalg.LinAlgError
-        ):  # by themselves they are readings of a sheet, together of none
+            gains = _by_reciprocity(learner, squares[kept], noise)
+        except np.linalg.LinAlgError:  # by themselves readings of a sheet, together of none
             known[kept] = np.inf
             return known
         if gains is None:
@@ -341,10 +317,10 @@ def _misfits(learner, frames, ends, grounded, part, drive, noise):
     return known if at_first is None else at_first
 
 
-def _alone(learner, frames, ends, grounded, one, drive, noise):
+def _alone(learner, one, noise):
     """Chi-squared per equation of reciprocity of a frame by itself, infinite where no gains have it."""
     try:
-        gains = _by_reciprocity(learner, frames, ends, grounded, one, drive, noise)
+        gains = _by_reciprocity(learner, one, noise)
     except np.linalg.LinAlgError:
         return np.inf
     return 0.0 if gains is None else float(gains.misfit[0])
@@ -376,44 +352,34 @@ def moves(learner: Learner, voltages: np.ndarray, grounded: np.ndarray, noise: f
     LinAlgError where they are no readings of a sheet."""
     used, state = learner.operator.used, learner.state
     wide = state.expected[state.slice("gain")][used]
-    found = _by_reciprocity(
-        learner,
-        voltages[None],
-        clipped(voltages, learner.drive)[None],
-        grounded,
-        np.zeros(1, int),
-        learner.drive,
-        noise,
-        wide,
-    )
+    one = square(voltages, grounded, clipped(voltages, learner.drive))
+    found = _by_reciprocity(learner, one[None], noise, wide)
     return found is not None and float(found.misfit[0]) > _MOVING
 
 
-def _by_reciprocity(
-    learner, frames, ends, grounded, chosen, drive, noise, wide=None
-) -> Gains | None:
-    """Gains and offsets that the `chosen` frames tell by themselves, None where too few pairs were
+def _by_reciprocity(learner, squares, noise, wide=None) -> Gains | None:
+    """Gains and offsets that frames `squares` (n, E, E), V, tell by themselves, None where too few pairs were
     read; LinAlgError where no gains explain them; `wide` deviations of gains instead of those that are
     known."""
     used, state = learner.operator.used, learner.state
-    matrices = np.array([square(frames[i], grounded, ends[i])[np.ix_(used, used)] for i in chosen])
+    matrices = squares[:, used[:, None], used]
     both = np.isfinite(matrices) & np.isfinite(matrices.transpose(0, 2, 1))
     if both.sum() < 4 * both[:, np.eye(len(used), dtype=bool)].size:
         return None
     return fit_gains(
         matrices,
-        drive,
+        learner.drive,
         noise,
         (state["gain"][used], state.std("gain")[used] if wide is None else wide),
         (state["offset"][used], state.std("offset")[used]),
     )
 
 
-def _gains(learner, frames, ends, grounded, chosen, drive, noise) -> None:
+def _gains(learner, squares, noise) -> None:
     """Start from the gains that reciprocity gives."""
     used, state = learner.operator.used, learner.state
     try:
-        found = _by_reciprocity(learner, frames, ends, grounded, chosen[:_GAINS], drive, noise)
+        found = _by_reciprocity(learner, squares[:_GAINS], noise)
     except np.linalg.LinAlgError:  # contacts decide about each frame then
         return
     if found is None:
