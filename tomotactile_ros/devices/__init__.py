@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 from tomotactile_ros.devices.base import Device, Frame, Status
 from tomotactile_ros.devices.text import FORMATS
@@ -12,6 +13,7 @@ from tomotactile_ros.devices.time_source import TimeSource
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.layouts.scan_order import spread
 from tomotactile_ros.scenes.scene import Scene
+from tomotactile_ros.sheet import MODELS
 from tomotactile_ros.support.errors import InputError
 
 __all__ = ["Device", "DeviceSettings", "Frame", "Status", "make_device"]
@@ -21,46 +23,25 @@ PROTOCOLS = ("binary", *FORMATS)
 ORDERS = ("jumping", "device", "adaptive")
 
 
+def _parameter(default: Any, meaning: str, **limits: Any) -> Any:
+    """A field that the driver has as a parameter; `limits` are `low` and `high`, `choices`, or whether it
+    is a `path`."""
+    return field(default=default, metadata={"description": meaning, **limits})
+
+
 @dataclass(frozen=True)
 class DeviceSettings:
-    """What a device needs to know.
+    """What a device needs to know: each field says what it is.
 
     Attributes
     ----------
     layout : Layout
-    device : str
-        ``fake``, ``serial`` or ``replay``.
-    rate : float
-        Frames/s; 0 leaves it to the device (fake: 1000 ground conditions a second, replay: as
-        recorded).
-    scene, model : Scene or None, str
-        For ``fake``; the physics is that of `tomotactile_ros.sheet.make_sheet`.
-    port, baud : str, int
-        For ``serial``; see `tomotactile_ros.devices.line.find_port`.
-    protocol : str
-        For ``serial``: ``binary``, docs/protocol.md, or one of `tomotactile_ros.devices.text.FORMATS`.
-    partial_frames : bool
-        For ``serial``: deliver incomplete frames, with NaN in the missing rows.
-    recording, topic, loop : str, str, bool
-        For ``replay``: file or bag, which topic of a bag with several, and whether to start over at
-        its end.
-    drive_voltage : float, V
-        For text, and for ``replay`` of recordings that do not hold it.
-    max_age : float, s
-        For ``serial``: frames whose last sample is longer ago are dropped and counted; 0 for any.
-    rows_per_message : int
-        Rows of a frame that are handed over together, to whoever wants rows.
-    scan : tuple of int
-        Electrodes to ground, row after row; none: the scan of the layout, or the device's own
-        order.
+    scene : Scene or None
+        For ``fake``; what touches the sheet.
     order : str
         Where neither `scan` nor the layout names electrodes: ``device`` for the device's own order,
         ``jumping`` (`layouts.scan_order`) where it takes one, ``adaptive`` where `set_scan` will be
         called in every frame.
-    address : int
-        For ``serial``: of the device on a bus; 0: it has none.
-    capture : str
-        For ``serial``: a file for all that comes from the line; none if empty.
     time : TimeSource or None
         For ``fake`` and ``replay``: the time that they live in; None for this machine's.
     beside : bool
@@ -68,24 +49,54 @@ class DeviceSettings:
     """
 
     layout: Layout
-    device: str = "fake"
-    rate: float = 0.0
+    device: str = _parameter("fake", "Where the frames come from", choices=KINDS)
+    rate: float = _parameter(0.0, "Frames/s; 0 leaves it to the device", low=0.0, high=10_000.0)
     scene: Scene | None = None
-    model: str = "fem"
-    port: str = ""
-    baud: int = 2_000_000
-    protocol: str = "binary"
-    partial_frames: bool = False
-    recording: str = ""
-    topic: str = ""
-    loop: bool = False
-    drive_voltage: float = 3.3
-    max_age: float = 0.0
-    rows_per_message: int = 8
-    scan: tuple[int, ...] = ()
-    order: str = "device"
-    address: int = 0
-    capture: str = ""
+    model: str = _parameter("fem", "For fake: physics of the sheet", choices=MODELS)
+    port: str = _parameter(
+        "", "For serial: /dev/tty..., usb:VID:PID, socket:// or rfc2217://HOST:PORT", path=True
+    )
+    baud: int = _parameter(2_000_000, "For serial: bit/s", low=1200, high=50_000_000)
+    protocol: str = _parameter(
+        "binary",
+        "For serial: packets, or rows that are printed as text in V, mV or counts",
+        choices=PROTOCOLS,
+    )
+    partial_frames: bool = _parameter(
+        False, "For serial: also deliver frames with rows lost on the line"
+    )
+    recording: str = _parameter("", "For replay: a frames.npz or a rosbag2", path=True)
+    topic: str = _parameter("", "For replay: topic, for a bag of several sensors", path=True)
+    loop: bool = _parameter(False, "For replay: start over at the end")
+    drive_voltage: float = _parameter(
+        3.3,
+        "Drive voltage, V: for protocol text-..., and for replay where the recording names none",
+        low=1e-3,
+        high=1e3,
+    )
+    max_age: float = _parameter(
+        0.0, "For serial: s; older readings are not published; 0: any age", low=0.0, high=3600.0
+    )
+    rows_per_message: int = _parameter(8, "For delivery rows: rows in a message", low=1, high=65535)
+    scan: tuple[int, ...] = _parameter(
+        (),
+        "Electrodes to ground, row after row, also repeatedly; []: as the layout or `order` says",
+        low=0,
+        high=65534,
+    )
+    order: str = _parameter(
+        "device",
+        "Without scan: rows far from each other in turn, the device's own, or near contacts most often",
+        choices=ORDERS,
+    )
+    address: int = _parameter(
+        0, "For serial: address of the device on a bus; 0: it has none", low=0, high=254
+    )
+    capture: str = _parameter(
+        "",
+        "For serial: a new file for all that comes from the line, for `tomotactile replay --raw`",
+        path=True,
+    )
     time: TimeSource | None = None
     beside: bool = False
 

@@ -3,7 +3,7 @@
 import time
 from collections import defaultdict
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 from rclpy.node import Node
@@ -12,15 +12,7 @@ from sensor_msgs.msg import Temperature
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
-from tomotactile_ros.devices import (
-    KINDS,
-    ORDERS,
-    PROTOCOLS,
-    Device,
-    DeviceSettings,
-    Frame,
-    make_device,
-)
+from tomotactile_ros.devices import Device, DeviceSettings, Frame, make_device
 from tomotactile_ros.devices.health import Trouble
 from tomotactile_ros.layouts.layout import Layout, load_layout
 from tomotactile_ros.msg import VoltageFrame
@@ -45,49 +37,28 @@ from tomotactile_ros.nodes.topics import publisher
 from tomotactile_ros.nodes.touches import TouchListener
 from tomotactile_ros.scenes.scene import load_scene
 from tomotactile_ros.scenes.touches import Touch
-from tomotactile_ros.sheet import MODELS
 from tomotactile_ros.support.errors import InputError
 
+_OF_A_NODE: dict[str, Any] = {
+    "order": "jumping",
+    "max_age": 1.0,
+}  # what else is the default of a device's setting
 SPECS = (
     Spec("layout", "equal-8x8", "Electrodes: a layout file or an installed name", read_only=True),
     Spec(
         "frame_id", "tactile_link", "Frame of the sensor in all headers", read_only=True, frame=True
     ),
     HARDWARE_ID,
-    Spec("device", "fake", "Where the frames come from", choices=KINDS),
+    *(
+        Spec(each.name, _OF_A_NODE.get(each.name, each.default), **each.metadata)
+        for each in fields(DeviceSettings)
+        if each.metadata
+    ),
     Spec(
         "scene",
         "default",
         "For fake: what touches the sheet, a scene file or an installed name",
         path=True,
-    ),
-    Spec("model", "fem", "For fake: physics of the sheet", choices=MODELS),
-    Spec(
-        "port",
-        "",
-        "For serial: /dev/tty..., usb:VID:PID, socket:// or rfc2217://HOST:PORT",
-        path=True,
-    ),
-    Spec("baud", 2_000_000, "For serial: bit/s", low=1200, high=50_000_000),
-    Spec(
-        "protocol",
-        "binary",
-        "For serial: packets, or rows that are printed as text in V, mV or counts",
-        choices=PROTOCOLS,
-    ),
-    Spec("rate", 0.0, "Frames/s; 0 leaves it to the device", low=0.0, high=10_000.0),
-    Spec(
-        "scan",
-        (),
-        "Electrodes to ground, row after row, also repeatedly; []: as the layout or `order` says",
-        low=0,
-        high=65534,
-    ),
-    Spec(
-        "order",
-        "jumping",
-        "Without scan: rows far from each other in turn, the device's own, or near contacts most often",
-        choices=ORDERS,
     ),
     Spec(
         "delivery",
@@ -95,35 +66,7 @@ SPECS = (
         "What is published: whole frames, or also rows of them on voltage_rows at once",
         choices=("frames", "rows"),
     ),
-    Spec("rows_per_message", 8, "For delivery rows: rows in a message", low=1, high=65535),
     Spec("streaming", True, "false stops the device until it is true again"),
-    Spec(
-        "max_age",
-        1.0,
-        "For serial: s; older readings are not published; 0: any age",
-        low=0.0,
-        high=3600.0,
-    ),
-    Spec("partial_frames", False, "For serial: also deliver frames with rows lost on the line"),
-    Spec(
-        "address", 0, "For serial: address of the device on a bus; 0: it has none", low=0, high=254
-    ),
-    Spec(
-        "capture",
-        "",
-        "For serial: a new file for all that comes from the line, for `tomotactile replay --raw`",
-        path=True,
-    ),
-    Spec("recording", "", "For replay: a frames.npz or a rosbag2", path=True),
-    Spec("topic", "", "For replay: topic, for a bag of several sensors", path=True),
-    Spec("loop", False, "For replay: start over at the end"),
-    Spec(
-        "drive_voltage",
-        3.3,
-        "Drive voltage, V: for protocol text-..., and for replay where the recording names none",
-        low=1e-3,
-        high=1e3,
-    ),
     PATH_CHANGES,
 )
 
@@ -248,7 +191,7 @@ class Driver(Part):
 
     def _make_device(self, values: dict[str, Any]) -> Device:
         fake = values["device"] == "fake"
-        named = {key: values[key] for key in DeviceSettings.__dataclass_fields__ if key in values}
+        named = {f.name: values[f.name] for f in fields(DeviceSettings) if f.name in values}
         named["scene"] = load_scene(values["scene"]) if fake else None
         named["layout"], named["time"] = self._layout, self._time
         named["beside"] = not self.alone
