@@ -22,9 +22,7 @@ class Doubts:
     """Looks at rows and frames of one device; its troubles are those of the last 10 s."""
 
     def __init__(self) -> None:
-        # frames, whose numbers do not rise, whose rows have no times, are mistaken; beginnings anew,
-        # and after a delay that nothing else told of; whose drive voltage varies
-        self._recent = Recent(7)
+        self._recent = Recent()
         self._delay = 0.0  # s, of the last of those
         self._rates = (1.0, 1.0)
         self._last: RowsOfFrame | None = None
@@ -32,12 +30,12 @@ class Doubts:
     def begin(self, again: bool) -> None:
         """The device has told who it is, for the first time or `again`."""
         self._last = None
-        self._recent.add(0, 0, 0, 0, again, 0, 0)
+        self._recent.add(anew=again)
 
     def waited(self, seconds: float) -> None:
         """Rows have waited so long on the line, and their times did not tell."""
         self._delay = seconds
-        self._recent.add(0, 0, 0, 0, 0, 1, 0)
+        self._recent.add(waited=1)
 
     def rate_is(self, rate: float) -> None:
         """The device has told its rate, frames/s; a frame of the one before may be under way."""
@@ -56,36 +54,42 @@ class Doubts:
         if last is not None and rows.frame_time > last.frame_time and not jumped:
             stands = not 0 < (rows.sequence - last.sequence) & 0xFFFFFFFF < 1 << 31
         varies = rows.drive_span > VARIES * rows.drive_voltage
+        mistaken = rows_are_mistaken(rows.voltages, rows.grounded)
         self._recent.add(
-            1, stands, timeless, rows_are_mistaken(rows.voltages, rows.grounded), jumped, 0, varies
+            frames=1,
+            stands=stands,
+            timeless=timeless,
+            mistaken=mistaken,
+            anew=jumped,
+            varies=varies,
         )
 
     def troubles(self) -> list[Trouble]:
         """What is to be said."""
-        frames, stands, timeless, mistaken, anew, waited, varies = self._recent.sums()
-        found = []
-        if stands:
+        recent = self._recent.sums()
+        often, found = OFTEN * recent["frames"], []
+        if stands := recent["stands"]:
             text = f"{stands:.0f} frames have no higher number than the one before, but a later time: the device counts wrong"
-            found.append(Trouble("sequence", stands > OFTEN * frames, text))
-        if timeless > OFTEN * frames:
+            found.append(Trouble("sequence", stands > often, text))
+        if recent["timeless"] > often:
             text = "the device tells no times of rows: stamps are late by up to a frame"
             found.append(Trouble("times", False, text))
-        if mistaken > OFTEN * frames:
+        if recent["mistaken"] > often:
             text = (
                 "in each row the reading that is missing is not that of the electrode called grounded: the "
                 "device numbers rows or grounded electrodes wrong"
             )
             found.append(Trouble("rows", True, text))
-        if varies > OFTEN * frames:
+        if recent["varies"] > often:
             text = (
                 f"the drive voltage changes by more than {100 * VARIES:.0f} % within frames: the device's "
                 "supply sags, or what it tells of it is wrong"
             )
             found.append(Trouble("drive", False, text))
-        if anew:
+        if anew := recent["anew"]:
             text = f"the device restarted or the line was interrupted {anew:.0f} times within 10 s"
             found.append(Trouble("anew", anew >= TOO_OFTEN, text))
-        if waited:
+        if recent["waited"]:
             text = (
                 f"frames had waited {plain(self._delay, 2)} s on the line, unseen by their times, and were thrown "
                 "away: the line is a little slower than the sensor (lower its rate), or its clock is fast"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -81,30 +82,26 @@ def late_of(late: int, total: int, what: str) -> str:
 
 
 class Recent:
-    """Sums of the last seconds: `counts` numbers each second, kept for `seconds`, by the time `now`."""
+    """What was counted in the last `seconds`, by name, by the time `now`, s."""
 
-    def __init__(
-        self, counts: int, seconds: int = 10, now: Callable[[], float] = time.monotonic
-    ) -> None:
-        self._sums = [[0.0] * counts for _ in range(seconds)]
-        self._seconds = [-1] * seconds
+    def __init__(self, seconds: int = 10, now: Callable[[], float] = time.monotonic) -> None:
+        self._of_seconds: list[tuple[int, Counter[str]]] = [(-1, Counter())] * seconds
         self._now = now
 
-    def add(self, *numbers: float) -> None:
+    def add(self, **numbers: int | np.bool_) -> None:
         """Add to the sums of this second."""
+        more = Counter({name: int(number) for name, number in numbers.items()})
         second = int(self._now())
-        place = second % len(self._seconds)
-        if self._seconds[place] != second:
-            self._seconds[place] = second
-            self._sums[place] = [0.0] * len(numbers)
-        self._sums[place] = [a + b for a, b in zip(self._sums[place], numbers, strict=True)]
+        place = second % len(self._of_seconds)
+        then, sums = self._of_seconds[place]
+        # another one, as others may be reading the one before
+        self._of_seconds[place] = second, sums + more if then == second else more
 
-    def sums(self) -> np.ndarray:
-        """(counts,) sums over the last seconds; of a time that was set back, none of those ahead."""
+    def sums(self) -> Counter[str]:
+        """Sums over the last seconds; of a time that was set back, none of those ahead."""
         now = int(self._now())
-        seconds = np.array(self._seconds)
-        recent = (seconds > now - len(seconds)) & (seconds <= now)
-        return np.array(self._sums)[recent].sum(axis=0)
+        of_seconds = list(self._of_seconds)
+        return sum((s for then, s in of_seconds if now - len(of_seconds) < then <= now), Counter())
 
 
 class Health:
@@ -130,9 +127,7 @@ class Health:
             self._frames = 0
             self._callback_errors = 0
             self._age = 0.0
-            # frames delivered, lost, above the drive voltage, without a reading, all the same,
-            # refused by their receiver
-            self._recent = Recent(6, now=self._now)
+            self._recent = Recent(now=self._now)  # of frames
             self._highest = 0.0
             self._stale, self._stale_age, self._stale_at = 0, 0.0, -np.inf
             self._times = np.full(1024, -np.inf)
@@ -156,7 +151,7 @@ class Health:
         # electronics that are tried without sheet (docs/build.md, step 2) read half of the drive all over
         flat &= abs(highest - drive_voltage / 2) > self.HALF * drive_voltage
         with self._lock:
-            self._recent.add(1, 0, above, np.isnan(span), flat, 0)
+            self._recent.add(delivered=1, above=above, empty=np.isnan(span), flat=flat)
             if above or flat:
                 self._highest = highest
 
@@ -164,36 +159,37 @@ class Health:
         """Note frames that did not arrive, or not whole."""
         if number:
             with self._lock:
-                self._recent.add(0, number, 0, 0, 0, 0)
+                self._recent.add(lost=number)
 
     def troubles(self, wanted: float = 0.0) -> list[Trouble]:
         """What is wrong with the frames of the last 10 s; `wanted` frames/s, 0 for any."""
         with self._lock:
-            delivered, lost, above, empty, flat, refused = self._recent.sums()
+            recent = self._recent.sums()
+        delivered = recent["delivered"]
         found = []
         seen, span = self._rate()
         if span > 0.5 * self.RATE_WINDOW and seen < self.REACHED * wanted:
             text = f"{plain(seen)} frames/s arrive, {plain(wanted, 4)} are wanted"
             found.append(Trouble("rate", False, text))
-        share = lost / max(delivered + lost, 1.0)
+        share = recent["lost"] / max(delivered + recent["lost"], 1.0)
         if share > self.LOSS:
             text = f"{100 * share:.0f} % of the frames are lost or incomplete"
             found.append(Trouble("loss", share > self.SERIOUS_LOSS, text))
-        if above > self.OFTEN * delivered:
+        if recent["above"] > self.OFTEN * delivered:
             text = (
                 f"readings up to {plain(self._highest, 4)} V are above the drive voltage: their unit (protocol), "
                 "or scale, range or drive voltage of the device are wrong"
             )
             found.append(Trouble("above drive", True, text))
-        if empty > self.OFTEN * delivered:
+        if recent["empty"] > self.OFTEN * delivered:
             found.append(Trouble("no reading", True, "no electrode gives a valid reading"))
-        if flat > self.OFTEN * delivered:
+        if recent["flat"] > self.OFTEN * delivered:
             text = (
                 f"all readings are the same, {plain(self._highest)} V: the converter stands still, "
                 "or no electrode is grounded"
             )
             found.append(Trouble("all the same", True, text))
-        if refused:
+        if refused := recent["refused"]:
             text = f"{refused:.0f} of the frames could not be handed on: {self.callback_error}"
             found.append(Trouble("receiver", refused > self.OFTEN * delivered, text))
         return found
@@ -224,7 +220,7 @@ class Health:
         """Note that the receiver of a frame raised an exception; the last one is kept."""
         with self._lock:
             self._callback_errors += 1
-            self._recent.add(0, 0, 0, 0, 0, 1)
+            self._recent.add(refused=1)
             self.callback_error = " ".join(message.split())
 
     def counters(self) -> dict[str, float]:

@@ -6,9 +6,10 @@ This is what `diagnostic_updater` does in a full ROS 2. It is not used: it does 
 wheels that the package also runs on, its timer follows simulated time, and stands still with it.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock, ClockType
@@ -45,6 +46,16 @@ def in_milliseconds(figures: dict[str, float]) -> dict[str, float]:
         f"{key}_ms" if _is_time(key) else key: 1e3 * value if _is_time(key) else value
         for key, value in figures.items()
     }
+
+
+def percentiles(**times: Iterable[float]) -> dict[str, float]:
+    """Of `times`, s, by name, what a half and 99 % of them stay below, ms; of those that there are."""
+    found: dict[str, float] = {}
+    for name, values in times.items():
+        if several := list(values):
+            p50, p99 = 1e3 * np.quantile(several, (0.5, 0.99))
+            found |= {f"{name}_p50_ms": float(p50), f"{name}_p99_ms": float(p99)}
+    return found
 
 
 def _is_time(key: str) -> bool:

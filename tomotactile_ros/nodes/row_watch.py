@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Sequence
 
-import numpy as np
-
 from tomotactile_ros.devices.health import Recent, Trouble, late_of
+from tomotactile_ros.nodes.diagnostics import percentiles
 
 _RESTART = 2**16  # frames: a number farther away is that of another start
 _SOME = 0.01  # of the rows
@@ -34,7 +33,7 @@ class RowWatch:
         self._begun = self._now()
         self._sequence: int | None = None
         self._whole = False  # whether the frame was seen from its beginning
-        self._recent = Recent(4, _WINDOW, now)  # rows followed, lost, skipped, late
+        self._recent = Recent(_WINDOW, now)
         self._latencies: deque[float] = deque(maxlen=1000)
         self._arrivals: deque[float] = deque(maxlen=1000)  # s, of the same messages
         self._durations: deque[float] = deque(maxlen=1000)
@@ -46,13 +45,13 @@ class RowWatch:
     def skip(self, sequence: int, rows: int) -> None:
         """Note rows that were left out as others waited behind them."""
         self.skipped += rows
-        self._recent.add(0, 0, rows, 0)
+        self._recent.add(skipped=rows)
         self._count_up(sequence, rows)
 
     def followed(self, sequence: int, rows: int, latency: float, duration: float) -> None:
         """Note rows that were followed: s from the last of them until now, s of work for them."""
         self.rows += rows
-        self._recent.add(rows, 0, 0, rows if latency > LATE else 0)
+        self._recent.add(followed=rows, late=rows if latency > LATE else 0)
         self._latencies.append(latency)
         self._arrivals.append(self._now())
         self._durations.append(duration / rows)
@@ -63,46 +62,39 @@ class RowWatch:
 
         Contacts of rows beyond `max_age`, s, are not valid; 0 for those of any age.
         """
-        rows, lost, skipped, late = self._recent.sums()
-        found = []
+        recent, found = self._recent.sums(), []
+        rows = recent["followed"] + recent["lost"] + recent["skipped"]
         if publishers > 1:
             text = f"{publishers} publishers of rows: those of several sensors are mixed"
             found.append(Trouble("rows publishers", True, text))
         if 0 < max_age and (old := self._older_than(max_age)) > _SOME:
             text = f"{100 * old:.0f} % of the rows are older than max_age, {max_age:g} s"
             found.append(Trouble("rows old", old > 0.5, text))
-        for name, number, text in (
-            ("rows lost", lost, "never arrived"),
-            ("rows skipped", skipped, "were skipped: the processor is too slow for all of them"),
-            (
-                "rows late",
-                late,
-                f"were evaluated later than {1e3 * LATE:g} ms after they were taken",
-            ),
+        for name, text in (
+            ("lost", "never arrived"),
+            ("skipped", "were skipped: the processor is too slow for all of them"),
+            ("late", f"were evaluated later than {1e3 * LATE:g} ms after they were taken"),
         ):
-            if number > _SOME * (rows + lost + skipped):
-                share = 100 * number / (rows + lost + skipped)
-                found.append(Trouble(name, False, f"{share:.0f} % of the rows {text}"))
+            if recent[name] > _SOME * rows:
+                share = 100 * recent[name] / rows
+                found.append(Trouble(f"rows {name}", False, f"{share:.0f} % of the rows {text}"))
         return found
 
     def late(self) -> str:
         """How many rows of the last 10 s were known late, left out or lost, for people."""
-        rows, lost, skipped, late = self._recent.sums().astype(int).tolist()
-        return late_of(lost + skipped + late, rows + lost + skipped, "rows")
+        recent = self._recent.sums()
+        untold = recent["lost"] + recent["skipped"]
+        return late_of(untold + recent["late"], untold + recent["followed"], "rows")
 
     def figures(self) -> dict[str, float | int]:
         """Counts so far, rows/s over the last 10 s, times over the last 1000 messages."""
-        figures: dict[str, float | int] = {
+        return {
             "rows_followed": self.rows,
             "rows_lost": self.lost,
             "rows_skipped": self.skipped,
-            "rows_per_second": float(self._recent.sums()[0]) / self._span(),
+            "rows_per_second": self._recent.sums()["followed"] / self._span(),
+            **percentiles(row_latency=self._latencies, row_processing=self._durations),
         }
-        for name, values in (("latency", self._latencies), ("processing", self._durations)):
-            if values:
-                p50, p99 = np.quantile(np.array(values), (0.5, 0.99))
-                figures |= {f"row_{name}_p50_ms": 1e3 * p50, f"row_{name}_p99_ms": 1e3 * p99}
-        return figures
 
     def _count_up(self, sequence: int, rows: int) -> None:
         if sequence != self._sequence:
@@ -120,7 +112,7 @@ class RowWatch:
         missing = max(self._length - self._count, 0) if self._whole else 0
         lost = gap * self._length + missing
         self.lost += lost
-        self._recent.add(0, lost, 0, 0)
+        self._recent.add(lost=lost)
 
     def _older_than(self, age: float) -> float:
         """Part of the messages of the last 10 s whose rows were older than `age`, s."""

@@ -8,6 +8,7 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from tomotactile_ros.devices.health import Recent, Trouble, late_of
 from tomotactile_ros.devices.time_source import NO_TIME
+from tomotactile_ros.nodes.diagnostics import percentiles
 from tomotactile_ros.nodes.node_time import STANDS_STILL, PassingTime, clock_of, is_timeless
 from tomotactile_ros.support.checks import plain
 
@@ -50,9 +51,7 @@ class FrameWatch:
         """Begin to wait anew."""
         self._since = self._begun = self._now()
         self._refusal = self._last_refusal = self._incompatible = ""
-        # frames processed, missed, refused, stamped before the one before, longer than from one to
-        # the next, numbered before the one before, told late or cut, cut by the deadline
-        self._recent = Recent(8, _WINDOW, self._now)
+        self._recent = Recent(_WINDOW, self._now)
         self._lasts = self._step = 0.0
 
     def accepted(
@@ -80,7 +79,15 @@ class FrameWatch:
             self._lasts, self._step = lasts, step
         self._sequence, self._stamp = sequence, stamp
         late = latency - lasts > deadline or not complete
-        self._recent.add(1, missed, 0, back, overlong, gap > 2**31, late, not complete)
+        self._recent.add(
+            processed=1,
+            missed=missed,
+            back=back,  # stamped before the one before
+            overlong=overlong,  # than from one to the next
+            in_turn=gap > 2**31,  # numbered before the one before
+            late=late,  # or cut
+            cut=not complete,
+        )
         self.processed += 1
         self._latencies.append(latency)
         self._ages.append((self._now(), latency, duration))
@@ -90,7 +97,7 @@ class FrameWatch:
     def refuse(self, reason: str) -> None:
         """Note a frame that was refused."""
         self.refused += 1
-        self._recent.add(0, 0, 1, 0, 0, 0, 0, 0)
+        self._recent.add(refused=1)
         self._refusal = self._last_refusal = reason
 
     def incompatible_qos(self, policy: str) -> None:
@@ -102,11 +109,11 @@ class FrameWatch:
 
         Contacts of readings beyond `max_age`, s, are not valid; 0 for those of any age.
         """
-        processed, missed, refused, back, overlong, in_turn, _, cut = self._recent.sums()
-        found = []
+        recent, found = self._recent.sums(), []
+        processed, missed, refused = (recent[n] for n in ("processed", "missed", "refused"))
         publishers = self._node.count_publishers(self._topic)
         if publishers > 1:
-            mixed = in_turn > 1  # once: a driver that was started again
+            mixed = recent["in_turn"] > 1  # once: a driver that was started again
             unless = "" if mixed else ", unless one rests or has just died"
             text = f"{publishers} publishers of {self._topic}: frames are mixed{unless}"
             found.append(Trouble("publishers", mixed, text))
@@ -122,20 +129,20 @@ class FrameWatch:
                 "are too slow"
             )
             found.append(Trouble("missed", False, text))
-        if cut > _MANY * processed:
+        if (cut := recent["cut"]) > _MANY * processed:
             text = (
                 f"not all was tried in {cut:.0f} of {processed:.0f} frames: the deadline came before, as this machine "
                 "is too slow for it, or too much touches at once"
             )
             found.append(Trouble("cut", False, text))
-        if back:
+        if back := recent["back"]:
             text = (
                 f"the stamps of {back:.0f} frames lie before those of the frames before them, ids and "
                 "ages of contacts are wrong there: a clock was set, a recording starts "
                 "over, or several publish"
             )
             found.append(Trouble("stamps", back > _MANY * processed, text))
-        if overlong > _MANY * processed:
+        if recent["overlong"] > _MANY * processed:
             text = (
                 f"the rows of a frame take {plain(self._lasts)} s by its row_period, and frames follow one "
                 f"another after {plain(self._step)} s: times and velocities of contacts are wrong (row_period "
@@ -157,30 +164,27 @@ class FrameWatch:
     def late(self) -> str:
         """How many frames of the last 10 s were told late, cut by the deadline or not told at all, each
         once, for people."""
-        processed, missed, *_, late, _ = self._recent.sums().astype(int).tolist()
-        return late_of(missed + late, processed + missed, "frames")
+        recent = self._recent.sums()
+        missed = recent["missed"]
+        return late_of(missed + recent["late"], missed + recent["processed"], "frames")
 
     def cut(self) -> str:
         """In how many frames of the last 10 s not all was tried, for people."""
-        processed, *_, cut = self._recent.sums().astype(int).tolist()
-        return late_of(cut, processed, "frames")
+        recent = self._recent.sums()
+        return late_of(recent["cut"], recent["processed"], "frames")
 
     def figures(self) -> dict[str, float | int]:
         """Counts so far; times over the last 1000 frames."""
-        processed, missed, *_ = self._recent.sums()
-        figures = {
+        recent = self._recent.sums()
+        return {
             "frames_processed": self.processed,
             "frames_refused": self.refused,
             "frames_missed": self.missed,
             "stamps_back": self.stamps_back,
-            "rate_wanted": float(processed + missed) / self._span(),
-            "rate_reached": float(processed) / self._span(),
+            "rate_wanted": (recent["processed"] + recent["missed"]) / self._span(),
+            "rate_reached": recent["processed"] / self._span(),
+            **percentiles(latency=self._latencies, processing=self._durations),
         }
-        for name, values in (("latency", self._latencies), ("processing", self._durations)):
-            if values:
-                p50, p99 = np.quantile(np.array(values), (0.5, 0.99))
-                figures |= {f"{name}_p50_ms": 1e3 * p50, f"{name}_p99_ms": 1e3 * p99}
-        return figures
 
     def _age(self) -> tuple[float, float]:
         """Medians over the frames of the last 10 s: how old they were, s, and s of work for each; 0
