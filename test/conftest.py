@@ -183,3 +183,24 @@ def scene(tmp_path):
     from ros_checks import write_scene
 
     return write_scene(tmp_path)
+
+
+@pytest.fixture
+def mistake(capsys, tmp_path, monkeypatch):
+    """What a command says in its only line; it ends with 2 and has written nothing."""
+    from tomotactile_ros.cli import main
+
+    monkeypatch.chdir(tmp_path)
+
+    def say(words):
+        before = sorted(tmp_path.iterdir())
+        try:
+            status = main(words.split() if isinstance(words, str) else [*map(str, words)])
+        except SystemExit as end:
+            status = end.code
+        said = capsys.readouterr()
+        (line,) = said.err.strip().splitlines()
+        assert status == 2 and not said.out and sorted(tmp_path.iterdir()) == before
+        return line
+
+    return say

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tomotactile_ros import cli
 from tomotactile_ros.bench.paper import contacts, experiment, page, pictures, simulation
 from tomotactile_ros.bench.paper.article import EXPERIMENT, REPORTED
 from tomotactile_ros.bench.paper.contacts import EVEN, UNEVEN
@@ -141,16 +140,3 @@ def test_the_page_has_each_number_beside_that_of_the_article(run, nodes, images,
     pictures.save_images(tmp_path / "images.png", rows[:1])
     pictures.save_maps(tmp_path / "maps.png", [("equal", run.steps[0])], "")
     assert all(path.stat().st_size > 5000 for path in tmp_path.iterdir())
-
-
-def test_what_cannot_be_is_one_line(tmp_path, capsys):
-    (tmp_path / "file").write_text("")
-    for words in (
-        ["--out", str(tmp_path / "file")],
-        ["--workers", "0"],
-        ["--contacts", "0", "--out", str(tmp_path / "new")],
-        ["--layout", "ring-16x", "--out", str(tmp_path / "new")],
-    ):
-        assert cli.main(["paper", *words]) == 2
-        assert len(capsys.readouterr().err.splitlines()) == 1
-    assert not (tmp_path / "new").exists()

@@ -252,24 +252,3 @@ def test_the_command_measures_parts_with_other_methods_beside_the_profiles(
     assert [row["method"] for row in rows] == ["fast", "balanced", "accurate", "silent"]
     assert all(row["missed"] == row["true"] == 2 for row in rows)
     assert "silent" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        ("--parts cellar", "cellar"),
-        ("--parts crowd --methods nowhere:none", "'nowhere:none' is no module:function"),
-        ("--parts crowd --methods json", "'json' is no module:function"),
-        ("--methods json:loads", "--methods: belongs to --parts"),
-        ("--compare x.json y.json --parts crowd", "not allowed"),
-        ("--readme README.md --parts crowd", "not those of --parts"),
-    ],
-)
-def test_what_cannot_be_measured_is_one_line(words, said, tmp_path, capsys, monkeypatch):
-    monkeypatch.setenv("OMP_NUM_THREADS", "1")
-    try:
-        status = cli.main(["bench", *words.split(), "--out", str(tmp_path / "x.json")])
-    except SystemExit as ended:
-        status = ended.code
-    shown = capsys.readouterr().err
-    assert status == 2 and said in shown and shown.count("\n") == 1

@@ -108,12 +108,12 @@ def test_two_contacts_are_told_apart_and_their_forces_judged_where_both_are_foun
     assert accuracy.told_apart([both, one], [truth(*places)] * 2).tolist() == [True, False]
     forces = truth(places[0], force=1.0) + truth(places[1], force=2.0)
     assert accuracy._all_force_errors([both, one], [forces] * 2).tolist() == [0.0, 0.5, 0.0, 1.0]
-
-
-def test_force_errors_are_relative_and_one_where_nothing_is_reported():
-    results = [SimpleNamespace(contacts=contacts((0, 0), force=3.0)), SimpleNamespace(contacts=[])]
-    truths = [truth((0, 0), force=2.0), truth((0, 0), force=5.0)]
-    assert accuracy.force_errors(results, truths) == pytest.approx([0.5, 1.0])
+    too_strong, nothing = (
+        SimpleNamespace(contacts=contacts((0, 0), force=3.0)),
+        SimpleNamespace(contacts=[]),
+    )
+    true = [truth((0, 0), force=2.0)] * 2
+    assert accuracy.force_errors([too_strong, nothing], true) == pytest.approx([0.5, 1.0])
 
 
 def test_the_front_leaves_out_what_is_slower_and_worse():
@@ -232,16 +232,6 @@ def test_readme_is_rewritten_between_the_comments_only(tmp_path, row):
     assert "some CPU" in text and "2026-01-01" in text
     report.rewrite(path, _result(row))
     assert path.read_text(encoding="utf-8") == text
-
-
-@pytest.mark.parametrize("content", ["nothing here", "<!-- bench:profiles --> without an end"])
-def test_readme_without_the_comments_is_refused_and_kept(tmp_path, content, monkeypatch):
-    path = tmp_path / "README.md"
-    path.write_text(content, encoding="utf-8")
-    monkeypatch.setattr(run, "measure", lambda *_: pytest.fail("measured"))
-    with pytest.raises(InputError, match="README.md: .*/bench:profiles"):
-        run_command("--out", tmp_path / "bench.json", "--readme", path)
-    assert path.read_text(encoding="utf-8") == content
 
 
 def test_the_lattice_has_two_triangles_in_every_pixel(made, grid):
@@ -396,29 +386,32 @@ def test_a_broken_store_is_begun_anew(tmp_path, content):
     assert not run.Store(path).parts
 
 
-@pytest.mark.parametrize("out", ["", "file/bench.json", "folder"])
-def test_a_place_that_takes_no_file_is_told_before_anything_is_measured(tmp_path, monkeypatch, out):
-    (tmp_path / "file").touch()
-    (tmp_path / "folder").mkdir()
-    monkeypatch.setattr(run, "measure", lambda *_: pytest.fail("measured"))
-    with pytest.raises((InputError, OSError)):
-        run_command("--out", tmp_path / out)
+RESULT = "bench.json --compare README.md README.md"
+BOTH = "bench.json --readme README.md"
 
 
 @pytest.mark.parametrize(
-    "content, reason",
+    "words, content, said",
     [
-        ("{}", "format: is missing"),
-        ("[]", "format: is missing"),
-        ('{"format": "old/1"}', "format: 'old/1' is of another version"),
-        ("not json", "not valid JSON"),
+        (BOTH, "nothing here", "README.md: .*/bench:profiles"),
+        (BOTH, "<!-- bench:profiles --> without an end", "README.md: .*/bench:profiles"),
+        (".", "", "has to end in .json"),
+        ("README.md/bench.json", "", "README.md"),
+        (RESULT, "{}", "README.md: format: is missing"),
+        (RESULT, "[]", "README.md: format: is missing"),
+        (RESULT, '{"format": "old/1"}', "README.md: format: 'old/1' is of another version"),
+        (RESULT, "not json", "README.md: not valid JSON"),
     ],
 )
-def test_other_files_are_refused_as_results(tmp_path, content, reason):
-    path = tmp_path / "bench.json"
-    path.write_text(content)
-    with pytest.raises(InputError, match=f"bench.json: {reason}"):
-        run_command("--compare", path, path)
+def test_files_that_cannot_be_are_told_before_anything_is_measured_and_kept(
+    tmp_path, monkeypatch, words, content, said
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "README.md").write_text(content, encoding="utf-8")
+    monkeypatch.setattr(run, "measure", lambda *_: pytest.fail("measured"))
+    with pytest.raises((InputError, OSError), match=said):
+        run_command("--out", *words.split())
+    assert (tmp_path / "README.md").read_text(encoding="utf-8") == content
 
 
 def test_a_whole_run_of_the_command(tmp_path, monkeypatch, capsys):

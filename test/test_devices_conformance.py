@@ -250,5 +250,3 @@ def test_the_command_says_what_is_kept_and_broken(capsys, monkeypatch):
         assert "  BROKEN     A delimiter is sent before" in capsys.readouterr().out
     assert main(["conform", port.path]) == 2
     assert "cannot be opened" in capsys.readouterr().err
-    assert main(["conform", "spy:///dev/null?file=/x"]) == 2
-    assert main(["conform", port.path, "--address", "255"]) == 2

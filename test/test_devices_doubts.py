@@ -51,11 +51,6 @@ def test_frames_of_the_independent_sensor_are_right(tmp_path):
     assert watch.judge.wrong_readings == 0 and largest_stamp_error(watch) < 1.0
 
 
-def test_the_judge_sees_a_wrong_reading(tmp_path):
-    with listening(tmp_path, "readings-same", 0.05) as watch:
-        watch.wait_for(lambda s: watch.judge.wrong_readings > 0)
-
-
 @pytest.mark.parametrize("fault", ["flip", "cut", "swap", "noise", "zeros"])
 def test_a_bad_line_costs_frames_and_makes_none_wrong(tmp_path, fault):
     with listening(tmp_path, fault, 0.01) as watch:
@@ -82,6 +77,7 @@ def test_nonsense_that_looks_right_has_its_level(tmp_path, fault):
     with listening(tmp_path, fault) as watch:
         watch.wait_for(lambda s: NONSENSE[fault] in [(t.name, t.serious) for t in s.troubles])
     assert watch.judge.wrong_readings == 0 or NONSENSE[fault][0] != "anew"
+    assert watch.judge.wrong_readings or fault != "readings-same"  # the judge sees them
 
 
 def test_rows_with_impossible_times_move_no_stamps(tmp_path):

@@ -7,7 +7,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from devices_support import opened
 
 from tomotactile_ros.devices.fake import FakeDevice
 from tomotactile_ros.devices.replay import ReplayDevice
@@ -99,15 +98,6 @@ def fake():
     return FakeDevice(Simulator(LAYOUT, SCENE), rate=RATE)
 
 
-def test_nothing_comes_before_there_is_a_time(run):
-    sensor = run(fake(), rows=True)
-    status = sensor.device.status()
-    assert status.state == "stopped" and "nobody publishes /clock" in status.message
-    sensor.time.go(1000.0, 1000.16)
-    assert stamps(sensor.frames) == [1000.0]
-    assert stamps(sensor.rows) == pytest.approx([1000.0, 1000.05, 1000.1])
-
-
 @pytest.mark.parametrize("step", [0.01, 0.25])
 def test_motion_rows_and_rate_are_those_of_the_time(run, step):
     """In small steps, and in such as hold several frames: none is left out, none is late."""
@@ -124,14 +114,12 @@ def test_motion_rows_and_rate_are_those_of_the_time(run, step):
     assert counters["rate_seen"] == pytest.approx(RATE, rel=0.3)
 
 
-def test_it_rests_while_time_does_and_begins_anew_where_that_is_set_back(run):
+def test_it_begins_anew_where_time_is_set_back(run):
     sensor = run(fake())
-    sensor.time.go(50.0, 50.11, 50.22)
-    assert stamps(sensor.frames) == pytest.approx([50.0, 50.1])
-    sensor.time.go(20.0, 20.11)
-    again = sensor.frames[2]
-    assert (again.stamp, again.sequence, len(sensor.frames)) == (20.0, 2, 3)
-    assert np.allclose(again.voltages, sensor.frames[0].voltages, rtol=1e-4, equal_nan=True)
+    sensor.time.go(50.0, 50.11, 20.0, 20.11)
+    first, again = sensor.frames
+    assert (first.stamp, again.stamp, again.sequence) == (50.0, 20.0, 1)
+    assert np.allclose(again.voltages, first.voltages, rtol=1e-4, equal_nan=True)
 
 
 @pytest.mark.parametrize("rows", [False, True])
@@ -267,36 +255,6 @@ def test_a_live_frame_is_that_of_a_scene_with_the_same_contact():
     same = Simulator(TOUCHED, replace(LIVE, contacts=(contact,))).frame(0.0)
     np.testing.assert_allclose(simulator.frame(1.1), same)
     assert np.nanmax(simulator.frame(2.0)) == 0.0
-
-
-def test_the_device_feels_touches_of_other_threads_and_forgets_them():
-    device = FakeDevice(Simulator(TOUCHED, LIVE, "closed_form"), rate=200.0)
-    watch = opened(device)
-    stop = threading.Event()
-
-    def peak() -> float:
-        return np.nanmax(watch.frames[-1].voltages)
-
-    def keep_pressing():
-        while not stop.is_set():
-            device.press([OTHER])
-
-    threads = [threading.Thread(target=keep_pressing) for _ in range(2)]
-    watch.wait_for_frames(1)
-    (complaint,) = device.press([ONE, replace(ONE, x=9.0)])
-    assert complaint == "touches[1]: position: (9, 0.02) m is off the sheet"
-    watch.wait_for(lambda status: peak() > 0.3)
-    watch.wait_for(lambda status: peak() == 0.0)  # nobody has said it again
-    for thread in threads:
-        thread.start()
-    try:
-        watch.wait_for(lambda status: peak() > 0.1)
-        assert device.status().state == "streaming"
-    finally:
-        stop.set()
-        for thread in threads:
-            thread.join()
-        device.close()
 
 
 def test_a_scene_that_is_not_live_takes_no_touches():

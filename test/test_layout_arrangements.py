@@ -46,38 +46,3 @@ def test_numbers_of_a_file_read_well_and_keep_the_id(words, tmp_path):
     assert max(map(len, re.findall(r"\d\.(\d+)", out.read_text()))) <= 12
     layout.save(out)
     assert load_layout(out).id == layout.id
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        ("", "--rows and --cols, or --ring and --circle, are needed"),
-        ("--rows 1 --cols 4", "rows: 1 is not a whole number from 2 to 256"),
-        ("--rows 4 --cols 4 --inset 0.1", "inset: 0.1 leaves no room, it must be below 0.1"),
-        ("--rows 4 --cols 4 --inset -1", "inset: -1.0 is negative"),
-        ("--rows 4 --cols 4 --inset nan", "inset: nan is not a finite"),
-        ("--rows 4 --cols 4 --size 0 1", "rectangle[0]: 0.0 is not a positive length"),
-        ("--rows 4 --cols 4 --radius 0.04", "overlap: 66.67 mm apart, they need more than 80 mm"),
-        ("--rows 200 --cols 4 --hex --radius 0.002", "overlap"),
-        ("--rows 4 --cols 4 --radius 5", "of 5 m is wider than the sheet"),
-        ("--rows 4 --cols 4 --radius nan", "electrodes.radius: nan is not a finite length"),
-        ("--rows 4 --cols 4 --circle 0.1", "--circle: only a ring has one"),
-        ("--ring 16", "--circle: is missing"),
-        ("--ring 2 --circle 0.1", "ring: 2 is not a whole number from 3"),
-        ("--ring 16 --circle -0.1", "circle: -0.1 is not a positive length"),
-        ("--ring 16 --circle 0.1 --inset 0.2", "inset: 0.2 leaves no room"),
-        ("--ring 16 --circle 0.1 --rows 4", "--rows: is of a grid"),
-        ("--ring 16 --circle 0.1 --hex", "--hex: is of a grid"),
-        ("--ring 16 --circle 0.1 --radius 0.05", "overlap"),
-        ("--ring x --circle 0.1", "invalid int value: 'x'"),
-    ],
-)
-def test_what_makes_no_layout_is_one_line(words, said, tmp_path, capsys):
-    out = tmp_path / "out.yaml"
-    try:
-        status = cli.main(["layout", *words.split(), "--out", str(out)])
-    except SystemExit as ended:
-        status = ended.code
-    found = capsys.readouterr()
-    assert status == 2 and not out.exists() and found.out == ""
-    assert found.err.count("\n") == 1 and said in found.err

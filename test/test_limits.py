@@ -6,7 +6,6 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from tomotactile_ros import cli
 from tomotactile_ros.commands.reconstruct import results_writer
 from tomotactile_ros.frames_file import load_frames, open_frames, save_arrays
 from tomotactile_ros.layouts.layout import equal_grid
@@ -113,13 +112,6 @@ def test_too_much_is_refused():
     lattice = np.stack(np.meshgrid(*2 * [np.linspace(-0.09, 0.09, 14)]), -1).reshape(-1, 2)
     with pytest.raises(InputError, match="contacts: 196 at the same time, in .* at most 4000"):
         frame_of(SMALL, *(disc(place, 0.003) for place in lattice))
-
-
-def test_more_frames_than_memory_holds_are_refused_before_the_first(tmp_path, capsys):
-    words = ["--layout", "equal-4x4", "--scene", "idle", "--out", str(tmp_path / "x.npz")]
-    assert cli.main(["simulate", *words, "--frames", "1000000000"]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "--frames: 1000000000 frames would take about" in line
 
 
 def test_a_scene_of_thousands_of_contacts_is_refused_unread(tmp_path):

@@ -12,10 +12,8 @@ from warm_start import begin
 
 from tomotactile_ros.cli import main
 from tomotactile_ros.layouts.layout import equal_grid, load_layout
-from tomotactile_ros.optimizer.equalize import equalize
 from tomotactile_ros.optimizer.options import OPTIONS, request_of, start_of
 from tomotactile_ros.optimizer.request import Request
-from tomotactile_ros.optimizer.step import best_of
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.scenes.scene import load_scene
 from tomotactile_ros.simulation import Simulator
@@ -54,38 +52,6 @@ def test_grounding_writes_the_conditions(tmp_path, capsys):
     assert "conditions" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(
-    "arguments, message",
-    [
-        (["--method", "free"], "--rows and --cols, or --layout, or --electrodes, are needed"),
-        (["--rows", "4", "--cols", "4", "--method", "free", "--spacing", "0.2"], "do not fit"),
-        (
-            ["--rows", "4", "--cols", "4", "--method", "equalize", "--margin", "0.01"],
-            "is for method",
-        ),
-        (["--rows", "4", "--cols", "4", "--method", "equalize", "--steps", "-1"], "steps: -1"),
-        (
-            ["--rows", "4", "--cols", "4", "--method", "scan", "--frame-time", "1e-4"],
-            "one row takes",
-        ),
-        (
-            ["--rows", "4", "--cols", "4", "--method", "scan", "--keep-out", "0", "0", "0.02"],
-            "--keep-out: is for method touch and method free only",
-        ),
-        (["--rows", "4", "--cols", "4", "--seed", "3"], "seed: is for method free only"),
-        (["--rows", "4", "--cols", "4", "--conditions", "4"], "--conditions: is for method scan"),
-        (["--explore", "9", "1"], "--explore: 1 is not a whole number from 4"),
-        (["--layout", "equal-4x4", "--resume"], "x.search is not there"),
-    ],
-)
-def test_mistakes_are_one_line(tmp_path, capsys, arguments, message):
-    assert main(["optimize", *arguments, "--out", str(tmp_path / "x.yaml")]) == 2
-    error = capsys.readouterr().err
-    assert message in error
-    assert error.count("\n") == 1
-    assert not list(tmp_path.iterdir())
-
-
 def test_parameters_that_nobody_gave_mean_what_the_command_means():
     values = {o.name: o.unset if o.default is None else o.default for o in OPTIONS}
     given = {o.name: o.given(values[o.name]) for o in OPTIONS} | {"rows": 4, "cols": 4}
@@ -97,18 +63,6 @@ def test_parameters_that_nobody_gave_mean_what_the_command_means():
     assert keep_out.given((0.0, 0.1, 0.2, 0.3, 0.4, 0.5)) == [[0.0, 0.1, 0.2], [0.3, 0.4, 0.5]]
     with pytest.raises(InputError, match="keep_out: 4 numbers, X, Y, R of each are needed"):
         keep_out.given((0.0, 0.1, 0.02, 0.05))
-
-
-def test_ctrl_c_keeps_the_best_so_far():
-    layout = equal_grid(3, 4, (0.3, 0.2), 0.004, 1e4)
-
-    def watch(step):
-        if step.iteration == 2:
-            raise KeyboardInterrupt
-
-    history, best = best_of(equalize(layout, 5, resolution=20), watch)
-    assert [step.iteration for step in history] == [0, 1, 2]
-    assert best.score == min(step.score for step in history)
 
 
 def test_what_needs_more_memory_than_there_is_is_refused_before_it_is_taken(monkeypatch):

@@ -65,44 +65,15 @@ def test_points_that_are_no_sheet_are_refused(points, complaint):
         PointGrid(points, SIZE)
 
 
-def tube(radius: float, turns: int = 720) -> str:
-    """OFF file of a cylinder about the z axis, a prism of many sides, long rectangles in halves."""
-    angles = 2 * np.pi * np.arange(turns) / turns
-    ring = np.column_stack([radius * np.cos(angles), radius * np.sin(angles)])
-    vertices = [(*p, z) for z in (-1.0, -0.03, 0.02, 1.0) for p in ring]
-    a = np.arange(3 * turns)
-    b = a + 1 - turns * (a % turns == turns - 1)
-    faces = [*zip(a, b, b + turns), *zip(a, b + turns, a + turns)]
-    rows = [(len(vertices), len(faces), 0), *vertices, *((3, *face) for face in faces)]
-    return "OFF\n" + "\n".join(" ".join(map(str, row)) for row in rows)
-
-
-def on_tube(tmp_path, size=SIZE, **changes):
-    pytest.importorskip("trimesh")
-    (tmp_path / "tube.off").write_text(tube(1000 * RADIUS))
-    keys = {"file": "tube.off", "center": (0.0, RADIUS, 0.0), "x_axis": (-1.0, 0.0, 0.0)}
-    keys |= {"scale": 1e-3, "folder": tmp_path, "size": size, **changes}
-    return Mesh.load(**keys)
-
-
-def test_a_sheet_on_the_mesh_of_a_tube_is_bent_like_on_a_cylinder(tmp_path):
-    """The tube's axis is z there, the cylinder's y; heights of 2 m in units of mm."""
-    size = (0.2, 0.0018)
-    points = POINTS / SIZE * size
-    mesh = on_tube(tmp_path, size)
-    x, y, z = Cylinder(RADIUS).to_3d(points).T
-    expected = np.column_stack([-x, z + RADIUS, y])
-    np.testing.assert_allclose(mesh.to_3d(points), expected, atol=RADIUS * (2 * np.pi / 720))
-    lengths = np.linalg.svd(mesh.jacobians(points), compute_uv=False)
-    np.testing.assert_allclose(lengths, 1.0, atol=0.02)
-    outwards = np.column_stack([expected[:, :2] / RADIUS, np.zeros(len(points))])
-    np.testing.assert_allclose(mesh.normals(points), outwards, atol=0.02)
+def on_ball(folder):
+    trimesh = pytest.importorskip("trimesh")
+    trimesh.creation.icosphere(subdivisions=5, radius=300.0).export(folder / "ball.stl")
+    return Mesh.load("ball.stl", (0.0, 0.0, 0.3), (1.0, 0.0, 0.0), 1e-3, folder, SIZE)
 
 
 def test_a_sheet_on_a_ball_keeps_the_lengths_from_its_centre(tmp_path):
-    trimesh = pytest.importorskip("trimesh")
-    trimesh.creation.icosphere(subdivisions=5, radius=0.3).export(tmp_path / "ball.stl")
-    mesh = Mesh.load("ball.stl", (0.0, 0.0, 0.3), (1.0, 0.0, 0.0), 1.0, tmp_path, SIZE)
+    """A tube: test_docs_surfaces.py."""
+    mesh = on_ball(tmp_path)
     places = mesh.to_3d(POINTS)
     np.testing.assert_allclose(np.linalg.norm(places, axis=1), 0.3, rtol=1e-3)
     distance = 0.3 * np.arccos(places[:, 2] / np.linalg.norm(places, axis=1))
@@ -138,12 +109,9 @@ def test_a_hostile_mesh_is_one_line_that_tells_nothing_of_it(tmp_path, name, dat
 
 
 def test_layouts_with_any_surface_survive_their_file(tmp_path):
-    flat = equal_grid(3, 3, (0.2, 0.0018), 1e-4, 1e4)
-    (tmp_path / "there").mkdir()
-    mesh = on_tube(tmp_path, flat.outline.size)
-    grid = grid_of(Cylinder(RADIUS), 3, 9, flat.outline.size)
-    for surface in (grid, mesh):
-        file = tmp_path / "there" / f"{surface.kind}.yaml"
+    flat = equal_grid(3, 3, SIZE, 1e-4, 1e4)
+    for surface in (grid_of(Cylinder(RADIUS), 3, 9), on_ball(tmp_path)):
+        file = tmp_path / f"{surface.kind}.yaml"
         replace(flat, surface=surface).save(file)
         again = load_layout(file).surface
         assert again.kind == surface.kind
