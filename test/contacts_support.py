@@ -5,9 +5,12 @@ import numpy as np
 from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.prior import Prior
+from tomotactile_ros.evaluation.scoring import score_frame
+from tomotactile_ros.layouts.layout import load_layout
+from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.scenes.contact import Contact, ContactLaw
 from tomotactile_ros.scenes.defects import Adc, Defects, Noise
-from tomotactile_ros.scenes.scene import Scene
+from tomotactile_ros.scenes.scene import Scene, load_scene
 from tomotactile_ros.simulation import ROW_PERIOD, Simulator
 
 DRIVE, NOISE, LAW = 3.3, 1e-3, ContactLaw(1e-4, 1.0)  # V, V, S/m^2 per Pa
@@ -20,10 +23,33 @@ def disc(x, y, radius=0.006, **pressed):
 
 
 def sensor(layout, *contacts, noise=NOISE, seed=1, law=LAW, defects=FLAWLESS, **how):
-    """A `Simulator` of contacts, of the finite-element model where nothing else is said."""
-    drive, adc = how.pop("drive", DRIVE), how.pop("adc", CONVERTER)
-    scene = Scene("test", drive, contacts, law, Noise(noise, seed), adc, defects)
+    """A `Simulator` of contacts, of the finite-element model where nothing else is said; without noise,
+    readings are not converted either."""
+    drive, adc = how.pop("drive", DRIVE), how.pop("adc", CONVERTER if noise else None)
+    own = how.pop("own_reading", False)
+    scene = Scene("test", drive, contacts, law, Noise(noise, seed), adc, defects, own_reading=own)
     return Simulator(layout, scene, **{"row_period": ROW_PERIOD, **how})
+
+
+def pipeline_of(layout, profile="accurate", noise=NOISE, law=LAW, **settings):
+    """A `Pipeline` of a layout, or its name, that knows noise and contact law."""
+    layout = load_layout(layout) if isinstance(layout, str) else layout
+    return Pipeline(layout, Settings(profile, noise=noise, contact_law=law, **settings))
+
+
+def scene_on(layout, scene, profile="accurate", **settings):
+    """A simulator of a scene on a layout, or their names, and a pipeline that knows its contact law."""
+    scene = load_scene(scene) if isinstance(scene, str) else scene
+    simulator = Simulator(load_layout(layout), scene)
+    settings = Settings(profile, contact_law=scene.contact_law, **settings)
+    return simulator, Pipeline(simulator.layout, settings)
+
+
+def told_rightly(result, truth, place=np.inf, force=np.inf):
+    """Whether a result has each contact that is there and no other, none farther off, m and relative."""
+    score = score_frame(result.contacts, truth)
+    alone = not (score.ghosts or score.doubled or score.missed) and score.true == len(truth)
+    return alone and score.place.max() < place and score.force.max() < force
 
 
 def frames_of(simulator, count):

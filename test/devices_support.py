@@ -7,10 +7,13 @@ import contextlib
 import itertools
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
+import pytest
 
 from tomotactile_ros.devices import emulator
+from tomotactile_ros.devices.bag import MESSAGE
 from tomotactile_ros.devices.serial import SerialDevice
 
 PATIENCE = 30.0
@@ -121,3 +124,24 @@ def connected(simulated=None, make_port=emulator.PtyPort, mangle=bytes, **settin
         watched(SerialDevice(port.path, E, **settings)) as watch,
     ):
         yield port, watch
+
+
+def write_bag(path, kind, messages, topics, storage="mcap"):
+    """A rosbag2, written without ROS: times, ns, and messages of a type, or their bytes, as `messages(types)`
+    says."""
+    rosbag2 = pytest.importorskip("rosbags.rosbag2")
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.ROS2_JAZZY)
+    text = Path(__file__).resolve().parent.parent / "msg" / "VoltageFrame.msg"
+    store.register(get_types_from_msg(text.read_text("utf-8"), MESSAGE))
+    plugin = rosbag2.StoragePlugin[storage.upper()]
+    with rosbag2.Writer(path, version=9, storage_plugin=plugin) as writer:
+        for topic in topics:
+            connection = writer.add_connection(topic, kind, typestore=store)
+            for time, message in messages(store.types):
+                as_bytes = isinstance(message, bytes)
+                writer.write(
+                    connection, time, message if as_bytes else store.serialize_cdr(message, kind)
+                )
+    return path

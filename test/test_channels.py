@@ -2,32 +2,25 @@
 
 import numpy as np
 import pytest
+from contacts_support import DRIVE, disc, sensor
 
 from tomotactile_ros.layouts.layout import equal_grid
 from tomotactile_ros.scenes.channels import Channels, Rms, Uniform
-from tomotactile_ros.scenes.contact import Contact, ContactLaw
-from tomotactile_ros.scenes.defects import Adc, Defects, Noise
-from tomotactile_ros.scenes.scene import Scene, load_scene
+from tomotactile_ros.scenes.defects import Defects
+from tomotactile_ros.scenes.scene import load_scene
 from tomotactile_ros.sheet.contact_points import contact_points
-from tomotactile_ros.simulation import Simulator
 from tomotactile_ros.support.errors import InputError
 
-E, DRIVE = 16, 3.3
+E = 16
 LAYOUT = equal_grid(4, 4, (0.2, 0.2), 0.005, 1e4)
-CONTACTS = (
-    Contact("disc", center=(0.03, 0.02), radius=0.006, pressure=2e4),
-    Contact("disc", center=(-0.05, -0.04), radius=0.004, pressure=1e4),
-)
+CONTACTS = disc(0.03, 0.02, pressure=2e4), disc(-0.05, -0.04, 0.004, pressure=1e4)
 OFF = ~np.eye(E, dtype=bool)
 
 
-def simulator(contacts=CONTACTS, switch=0.0, own_reading=False, order=None, scene=None, **channels):
+def simulator(contacts=CONTACTS, switch=0.0, noise=0.0, own_reading=False, order=None, **channels):
     defects = Defects(switch_resistance=switch, channels=Channels(**channels))
-    law = ContactLaw(1e-4, 1.0)
-    made = Scene(
-        "test", DRIVE, contacts, law, defects=defects, own_reading=own_reading, **(scene or {})
-    )
-    return Simulator(LAYOUT, made, order=order)
+    how = {"noise": noise, "own_reading": own_reading, "order": order}
+    return sensor(LAYOUT, *contacts, defects=defects, **how)
 
 
 IDEAL = simulator(own_reading=True).frame(0.0)
@@ -104,7 +97,7 @@ def test_an_open_wire_reads_the_drive_voltage_wherever_something_touches():
     closed = ~np.isin(np.arange(E), [4, 9])
     np.testing.assert_allclose(got[closed], IDEAL[closed], atol=1e-12)
     assert (simulator((), open=(4, 9), own_reading=True).frame(0.0) == 0).all()
-    fast = Contact("disc", center=(0.0, 0.0), radius=0.006, pressure=2e4, velocity=(1.0, 0.0))
+    fast = disc(0.0, 0.0, pressure=2e4, velocity=(1.0, 0.0))
     moving = simulator((fast,), open=(4,)).frame(0.0)
     assert (np.delete(moving[4], 4) == DRIVE).all()
     high = simulator(ground_resistance=tuple(np.full(E, 1e15)), own_reading=True).frame(0.0)
@@ -112,8 +105,7 @@ def test_an_open_wire_reads_the_drive_voltage_wherever_something_touches():
 
 
 def test_a_stuck_channel_reads_its_voltage_whatever_happens():
-    scene = {"noise": Noise(0.01), "adc": Adc(12, 3.3)}
-    got = simulator(stuck={2: 1.65, 7: 9.0}, scene=scene).frame(0.0)
+    got = simulator(stuck={2: 1.65, 7: 9.0}, noise=0.01).frame(0.0)
     assert set(np.delete(got[:, 2], 2)) == {1.65}
     assert set(np.delete(got[:, 7], 7)) == {3.3 * (1 - 2.0**-12)}  # clipped by the converter
     assert np.isnan(got[2, 2])

@@ -11,7 +11,7 @@ from queue import Queue
 
 import numpy as np
 import pytest
-from devices_support import PATIENCE, Watch, collect, opened
+from devices_support import PATIENCE, Watch, collect, opened, write_bag
 
 from tomotactile_ros.devices import DeviceSettings, make_device
 from tomotactile_ros.devices.bag import MESSAGE
@@ -24,7 +24,6 @@ from tomotactile_ros.scenes.scene import Contact, Scene, load_scene
 from tomotactile_ros.simulation import Simulator
 from tomotactile_ros.support.errors import InputError
 
-ROOT = Path(__file__).resolve().parent.parent
 LAYOUT = equal_grid(2, 2, (0.2, 0.2), radius=0.0025, sheet_resistance=1e4, inset=0.02)
 SCENE = Scene(
     name="push", drive_voltage=3.3, contacts=(Contact("disc", center=(0.01, 0.02), radius=0.005),)
@@ -117,7 +116,7 @@ def npz(tmp_path):
 
 @pytest.mark.parametrize("storage", ["mcap", "sqlite3", "sqlite3 of Humble"])
 def test_a_bag_of_their_layout_is_read_by_devices_and_commands_without_ros(tmp_path, storage):
-    path, recording = write_bag(tmp_path / "bag", storage.split()[0]), a_recording()
+    path, recording = a_bag(tmp_path / "bag", storage.split()[0]), a_recording()
     if storage.endswith("Humble"):
         forget_definitions(next(path.glob("*.db3")))
     frames = list(read_frames(path))
@@ -137,7 +136,7 @@ def test_a_bag_of_their_layout_is_read_by_devices_and_commands_without_ros(tmp_p
 
 
 def test_a_bag_of_another_layout_is_refused(tmp_path):
-    path = write_bag(tmp_path / "bag")
+    path = a_bag(tmp_path / "bag")
     larger = equal_grid(3, 3, (0.2, 0.2), 0.0025, 1e4, inset=0.02, name=LAYOUT.name)
     for other in (replace(LAYOUT, name="other"), larger):
         words = f"bag: frame 10 is of layout '{LAYOUT.id}', not of '{other.id}'"
@@ -160,7 +159,7 @@ def test_a_bag_of_another_layout_is_refused(tmp_path):
     ],
 )
 def test_a_bag_whose_frames_differ_is_no_recording_for_commands(tmp_path, change, complaint):
-    path = write_bag(tmp_path / "bag", third=change)
+    path = a_bag(tmp_path / "bag", third=change)
     with pytest.raises(InputError, match=complaint):
         load_recording(path, LAYOUT)
 
@@ -171,36 +170,27 @@ def forget_definitions(file: Path) -> None:
         assert bag.execute("DELETE FROM message_definitions").rowcount > 0
 
 
-def write_bag(path: Path, storage="mcap", topics=("/voltage_frame",), third=()) -> Path:
-    """Write the recording as a rosbag2; `third`: fields that differ in the third frame."""
-    rosbags = pytest.importorskip("rosbags.rosbag2")
-    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+def a_bag(path: Path, storage="mcap", topics=("/voltage_frame",), third=()) -> Path:
+    """The recording as a rosbag2; `third`: fields that differ in the third frame."""
+    recording = a_recording()
 
-    store = get_typestore(Stores.ROS2_JAZZY)
-    text = (ROOT / "msg" / "VoltageFrame.msg").read_text()
-    store.register(get_types_from_msg(text, MESSAGE))
-    types, recording = store.types, a_recording()
-    plugin = getattr(rosbags.StoragePlugin, storage.upper())
-    with rosbags.Writer(path, version=9, storage_plugin=plugin) as writer:
-        for topic in topics:
-            connection = writer.add_connection(topic, MESSAGE, typestore=store)
-            for k, stamp in enumerate(recording["stamps"]):
-                nanoseconds = round(1e9 * stamp)
-                time = types["builtin_interfaces/msg/Time"](*divmod(nanoseconds, 10**9))
-                fields = {
-                    "header": types["std_msgs/msg/Header"](time, "tactile_link"),
-                    "sequence": 10 + k,
-                    "layout_id": LAYOUT.id,
-                    "drive_voltage": 5.0,
-                    "electrodes": E,
-                    "grounded": recording["grounded"].astype(np.uint16),
-                    "voltages": recording["voltages"][k].ravel(),
-                    "row_period": 2.5e-3,
-                }
-                fields.update(third if k == 2 else {})
-                message = types[MESSAGE](**fields)
-                writer.write(connection, nanoseconds, store.serialize_cdr(message, MESSAGE))
-    return path
+    def messages(types):
+        for k, stamp in enumerate(recording["stamps"]):
+            nanoseconds = round(1e9 * stamp)
+            time = types["builtin_interfaces/msg/Time"](*divmod(nanoseconds, 10**9))
+            fields = {
+                "header": types["std_msgs/msg/Header"](time, "tactile_link"),
+                "sequence": 10 + k,
+                "layout_id": LAYOUT.id,
+                "drive_voltage": 5.0,
+                "electrodes": E,
+                "grounded": recording["grounded"].astype(np.uint16),
+                "voltages": recording["voltages"][k].ravel(),
+                "row_period": 2.5e-3,
+            }
+            yield nanoseconds, types[MESSAGE](**fields | dict(third if k == 2 else ()))
+
+    return write_bag(path, MESSAGE, messages, topics, storage)
 
 
 def test_replay_keeps_the_recorded_distances_and_ends(npz):
@@ -274,7 +264,7 @@ def test_what_is_wrong_with_a_recording_is_told_at_once(tmp_path, changes, words
 
 @pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
 def test_a_damaged_bag_is_refused_in_one_line(tmp_path, storage):
-    path, random = write_bag(tmp_path / "bag", storage), np.random.default_rng(0)
+    path, random = a_bag(tmp_path / "bag", storage), np.random.default_rng(0)
     file, description = next(path.glob("bag.*")), path / "metadata.yaml"
     for damaged in [file] * 30 + [description] * 10:
         whole = damaged.read_bytes()
@@ -311,14 +301,14 @@ def test_files_that_are_no_recordings_are_refused(tmp_path):
 
 
 def test_rows_in_a_bag_are_left_out_where_their_frames_are_there(tmp_path):
-    both = write_bag(tmp_path / "both", topics=("/skin/voltage_rows", "/skin/voltage_frame"))
+    both = a_bag(tmp_path / "both", topics=("/skin/voltage_rows", "/skin/voltage_frame"))
     assert len(list(read_frames(both))) == 5
-    rows = write_bag(tmp_path / "rows", topics=("/skin/voltage_rows",))
+    rows = a_bag(tmp_path / "rows", topics=("/skin/voltage_rows",))
     assert len(list(read_frames(rows))) == 5
 
 
 def test_a_bag_of_two_sensors_needs_a_topic_and_one_of_none_is_refused(tmp_path):
-    two = write_bag(tmp_path / "two", topics=("/left", "/right"))
+    two = a_bag(tmp_path / "two", topics=("/left", "/right"))
     with pytest.raises(InputError, match="several topics.*/left.*/right"):
         ReplayDevice(two, E)
     for name in ("/left", "right"):
@@ -328,7 +318,7 @@ def test_a_bag_of_two_sensors_needs_a_topic_and_one_of_none_is_refused(tmp_path)
     with pytest.raises(InputError, match="only bags have topics"):
         list(read_frames(changed(tmp_path), topic="/left"))
     with pytest.raises(InputError, match="holds no"):
-        ReplayDevice(write_bag(tmp_path / "empty", topics=()), E)
+        ReplayDevice(a_bag(tmp_path / "empty", topics=()), E)
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ from contacts_support import (
     disc,
     frames_of,
     off,
+    pipeline_of,
     places,
     sensor,
 )
@@ -88,7 +89,7 @@ def test_two_touches_stay_two(profile):
     """The second begins in the middle of a frame, 60 mm away: no frame shows one between them, or
     one alone, and none is withheld but the one in which it begins."""
     second = disc(0.03, 0.0, pressure=2e4, start=2 * LASTS + 16 * ROW_PERIOD)
-    pipeline = Pipeline(EIGHT, Settings(profile, noise=NOISE, contact_law=LAW))
+    pipeline = pipeline_of(EIGHT, profile)
     frames = frames_of(sensor(EIGHT, FIRST, second, seed=0, adc=None), 7)
     for n, result in enumerate(results_of(frames, pipeline)):
         if n == 2 and result.state == "withheld":
@@ -121,12 +122,8 @@ def test_a_tap_that_begins_in_the_last_rows_is_right_or_withheld(profile, frame)
 SOFT = disc(-0.05, -0.04, 0.007, force=3.0, profile="hertz", start=0.1, course=Tap(0.15))
 
 
-def pipeline_of(profile="accurate"):
-    return Pipeline(EIGHT, Settings(profile, noise=NOISE, contact_law=LAW))
-
-
 def results_of(frames, pipeline=None):
-    pipeline = pipeline or pipeline_of()
+    pipeline = pipeline or pipeline_of(EIGHT)
     given = ALL, DRIVE, ROW_PERIOD
     return [pipeline.process(frame, *given, i * LASTS) for i, frame in enumerate(frames)]
 
@@ -142,7 +139,7 @@ def test_a_tap_that_grows_and_fades_is_one_contact_where_it_is(profile):
     """It begins with row 36 of the second frame and ends with row 58 of the fourth: no two rows show the
     same force."""
     simulator = sensor(EIGHT, SOFT)
-    results = results_of(frames_of(simulator, 6), pipeline_of(profile))
+    results = results_of(frames_of(simulator, 6), pipeline_of(EIGHT, profile))
     assert [result.state for result in results] == ["valid"] * 6
     assert [len(result.contacts) for result in results] == [0, 1, 1, 0, 0, 0]
     for k in (1, 2):
@@ -154,7 +151,7 @@ def test_a_tap_that_grows_and_fades_is_one_contact_where_it_is(profile):
 
 
 def test_a_frame_says_of_its_last_row_what_rows_say_of_it():
-    frames, by_rows = frames_of(sensor(EIGHT, SOFT), 3), pipeline_of()
+    frames, by_rows = frames_of(sensor(EIGHT, SOFT), 3), pipeline_of(EIGHT)
     state = by_rows.rows(waits=False)  # no frame corrects them
     for i, row in enumerate(frames.reshape(-1, 64)):
         last = by_rows.process_row(row, i % 64, DRIVE, i * ROW_PERIOD, state)
@@ -198,7 +195,7 @@ def test_a_finger_pressed_ever_harder_beside_another_stays_the_one_of_two():
 
 def test_a_soft_release_beside_another_contact_ends_within_rows():
     """What is left of it is below the noise of each row, and not there in all of them."""
-    held, maker = disc(0.04, 0.05, force=2.0), pipeline_of()
+    held, maker = disc(0.04, 0.05, force=2.0), pipeline_of(EIGHT)
     state, ended, shown = maker.rows(), SOFT.start + SOFT.course.duration, []
     for i, row in enumerate(frames_of(sensor(EIGHT, SOFT, held), 5).reshape(-1, 64)):
         result = maker.process_row(row, i % 64, DRIVE, i * ROW_PERIOD, state)

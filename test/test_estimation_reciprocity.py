@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from contacts_support import DRIVE, LAW, NOISE, disc, off, rows_of, sensor, unknown
+from contacts_support import DRIVE, LAW, NOISE, disc, off, pipeline_of, rows_of, sensor, unknown
 
 from tomotactile_ros.cli import main
 from tomotactile_ros.estimation.estimator import CONTRADICTS, Estimator, State
@@ -18,7 +18,6 @@ from tomotactile_ros.estimation.search import Search
 from tomotactile_ros.estimation.settling import EXPECTED, Settling, rows_before, unsettled
 from tomotactile_ros.evaluation.scoring import score
 from tomotactile_ros.layouts.layout import load_layout
-from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.scenes.channels import Channels, Rms, Uniform
 from tomotactile_ros.scenes.defects import Adc, Defects
 from tomotactile_ros.scenes.sheet_field import Gradient, SheetField
@@ -148,10 +147,6 @@ def simulator(name, settling=None, contacts=TWO, period=0.0, swapped=(), **how):
     return sensor(load_layout(name), *contacts, defects=defects, **how)
 
 
-def pipeline_of(profile="accurate"):
-    return Pipeline(load_layout("equal-8x8"), Settings(profile, noise=NOISE, contact_law=LAW))
-
-
 def told_by(name, settling, contacts=TWO, period=0.0, known=None):
     """What the first frame says of settling."""
     made = simulator(name, settling, contacts, period)
@@ -215,7 +210,7 @@ def test_contacts_are_those_of_a_sensor_that_settles(profile):
     force, scores = 2e4 * np.pi * 0.006**2, []
     truths = [[{"x": x, "y": y, "force": force} for x, y in pair] for pair in pairs]
     for settling in (None, 0.005):
-        pipeline, results = pipeline_of(profile), []
+        pipeline, results = pipeline_of("equal-8x8", profile), []
         for pair in pairs:
             contacts = [disc(*place, pressure=2e4) for place in pair]
             volts = simulator("equal-8x8", settling, contacts).frame(0.0)
@@ -230,7 +225,7 @@ def test_contacts_are_those_of_a_sensor_that_settles(profile):
 
 def test_rows_go_on_without_what_they_keep():
     """Rows that are followed hear of it from the first frame; left in them, they are a millimetre off."""
-    made, pipeline, apart = simulator("equal-8x8", 0.02, (ONE,), 1e-3), pipeline_of(), []
+    made, pipeline, apart = simulator("equal-8x8", 0.02, (ONE,), 1e-3), pipeline_of("equal-8x8"), []
     state = pipeline.rows()
     for i in range(3):
         for ground, row in enumerate(made.frame(0.064 * i, i)):
@@ -248,7 +243,7 @@ def test_readings_at_the_end_of_the_range_are_still_known_as_such():
     press = disc(*WHERE, pressure=3e4)
     frame = simulator("equal-8x8", 0.005, (press,), adc=Adc(12, 2.3)).frame(0.0)
     assert np.nanmax(frame) < 2.3 and (frame == np.nanmax(frame)).sum() > 20
-    result = pipeline_of().process(frame, GROUNDED, DRIVE)
+    result = pipeline_of("equal-8x8").process(frame, GROUNDED, DRIVE)
     (contact,) = result.contacts
     assert result.state == "valid" and off(contact, WHERE) < 5e-4 and result.misfit < 1.3
 
@@ -256,7 +251,7 @@ def test_readings_at_the_end_of_the_range_are_still_known_as_such():
 @pytest.mark.parametrize("settling", [0.005, 0.03])
 def test_a_touch_that_begins_within_a_frame_and_rests_tells_it(settling):
     touch = disc(*WHERE, pressure=3e4, start=1.0205)
-    made, pipeline = simulator("equal-8x8", settling, (touch,), 1e-3), pipeline_of()
+    made, pipeline = simulator("equal-8x8", settling, (touch,), 1e-3), pipeline_of("equal-8x8")
     for i in range(3):
         start = 1 + 0.064 * i
         result = pipeline.process(made.frame(start, i), GROUNDED, DRIVE, 1e-3, start)
@@ -267,7 +262,7 @@ def test_a_touch_that_begins_within_a_frame_and_rests_tells_it(settling):
 
 def test_the_row_before_the_first_one_need_not_be_like_the_last():
     """A touch that begins after a pause, just before the first row."""
-    pipeline = pipeline_of()
+    pipeline = pipeline_of("equal-8x8")
     for i, where in enumerate([WHERE, (-0.05, 0.04), (0.06, -0.03)]):
         touch = disc(*where, pressure=3e4, start=i - 1e-4, end=i + 0.5)
         frame, there = (
@@ -282,7 +277,10 @@ def test_the_row_before_the_first_one_need_not_be_like_the_last():
 
 
 def test_rows_of_electrodes_that_are_not_used_are_rows_before():
-    frame, pipeline = simulator("equal-8x8", 0.02, swapped=((20, 45),)).frame(0.0), pipeline_of()
+    frame, pipeline = (
+        simulator("equal-8x8", 0.02, swapped=((20, 45),)).frame(0.0),
+        pipeline_of("equal-8x8"),
+    )
     result = pipeline.process(frame, GROUNDED, DRIVE)
     assert result.state == "valid" and len(result.contacts) == 2 and result.misfit < 1.3
     assert pipeline._state.settling.part.mean() == pytest.approx(0.02, rel=0.1)

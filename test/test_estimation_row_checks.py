@@ -5,13 +5,22 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from contacts_support import DRIVE, LAW, NOISE, deviations_off, disc, frames_of, off, sensor
+from contacts_support import (
+    DRIVE,
+    LAW,
+    NOISE,
+    deviations_off,
+    disc,
+    frames_of,
+    off,
+    pipeline_of,
+    sensor,
+)
 
 from tomotactile_ros.estimation.estimator import Estimator
 from tomotactile_ros.estimation.row_checks import IN_TURN
 from tomotactile_ros.estimation.row_estimator import RowEstimator, RowsState
 from tomotactile_ros.layouts.layout import load_layout
-from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.scenes.channels import Channels
 from tomotactile_ros.scenes.defects import Adc, Defects
 from tomotactile_ros.simulation import ROW_PERIOD
@@ -25,8 +34,7 @@ NEAR = 0.010  # m
 
 @pytest.fixture(scope="module")
 def pipeline():
-    settings = Settings("accurate", noise=NOISE, contact_law=LAW)
-    return Pipeline(load_layout("equal-4x4"), settings)
+    return pipeline_of("equal-4x4")
 
 
 @pytest.fixture(scope="module")

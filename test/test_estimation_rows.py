@@ -6,7 +6,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from contacts_support import DRIVE, LAW, NOISE, disc, frames_of, off, places, sensor, unknown
+from contacts_support import (
+    DRIVE,
+    LAW,
+    NOISE,
+    disc,
+    frames_of,
+    off,
+    pipeline_of,
+    places,
+    scene_on,
+    sensor,
+    unknown,
+)
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
@@ -20,8 +32,7 @@ from tomotactile_ros.estimation.row_model import Known
 from tomotactile_ros.estimation.settling import Settling
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.reconstruction import Pipeline, Settings
-from tomotactile_ros.scenes.scene import load_scene
-from tomotactile_ros.simulation import ROW_PERIOD, Simulator
+from tomotactile_ros.simulation import ROW_PERIOD
 
 LAYOUT, EIGHT = load_layout("equal-4x4"), load_layout("equal-8x8")
 NEW = (-0.045, 0.03)
@@ -217,8 +228,7 @@ def test_rows_that_begin_with_a_touched_sheet_wait_for_a_frame():
 
 
 def test_frames_and_rows_in_turn_keep_the_number_of_a_contact_and_show_the_same_image():
-    settings = Settings("accurate", noise=NOISE, contact_law=LAW, contact_radius=0.008)
-    pipeline, grounded = Pipeline(LAYOUT, settings), np.arange(16)
+    pipeline, grounded = pipeline_of(LAYOUT, contact_radius=0.008), np.arange(16)
     first, second = made([replace(NEW_DISC, start=0.0015)], 2)
     shown = pipeline.process(second, grounded, DRIVE, ROW_PERIOD, 0.0)
     state, told = pipeline.rows(waits=False), (second, grounded, DRIVE, ROW_PERIOD, 1.016)
@@ -304,7 +314,7 @@ def test_stamps_that_jump_move_no_contact(ahead):
     random, apart = np.random.default_rng(0), []
     rows = np.concatenate([np.zeros((64, 64)), *[frame] * 4])
     rows = rows + 1e-3 * random.standard_normal(rows.shape)
-    pipeline = Pipeline(EIGHT, Settings("accurate", noise=NOISE, contact_law=LAW))
+    pipeline = pipeline_of("equal-8x8")
     for seed in range(3):
         random, state = np.random.default_rng(seed), pipeline.rows(waits=False)
         for i, row in enumerate(rows):
@@ -322,7 +332,7 @@ def test_slides_that_pass_each_other_are_told_all_the_time():
         disc(-s * 0.075, s * 0.01, 0.005, force=1.0, start=row * ROW_PERIOD, velocity=(0.25 * s, 0))
         for s, row in ((1, 8.5), (-1, 20.5))
     ]
-    pipeline = Pipeline(EIGHT, Settings("accurate", noise=NOISE, contact_law=LAW))
+    pipeline = pipeline_of("equal-8x8")
     state, numbers = pipeline.rows(waits=False), set()
     for number, frame in enumerate(frames_of(sensor(EIGHT, *slides), 6)):
         begun = 64 * ROW_PERIOD * number
@@ -341,9 +351,7 @@ def test_slides_that_pass_each_other_are_told_all_the_time():
 def test_a_hand_at_rest_stays_where_rows_are_left_out():
     """Rows that come too fast are left out; for those that were followed no finger was near, so that nobody knew
     how well it conducted by now: it was said to have ended, and began again with another number."""
-    scene = load_scene("hand")
-    simulator = Simulator(EIGHT, scene, row_period=1e-3)
-    pipeline = Pipeline(EIGHT, Settings("accurate", contact_law=scene.contact_law))
+    simulator, pipeline = scene_on("equal-8x8", "hand")
     state, there = pipeline.rows(), set()
     for number in range(5):
         frame = simulator.measure(0.064 * number, number)
@@ -354,15 +362,13 @@ def test_a_hand_at_rest_stays_where_rows_are_left_out():
             pipeline.follow_row(row, int(ground), frame.drive_voltage, time, state)
             if state.touching is not None:
                 there.add(tuple(sorted(state.touching)))
-    assert len(there) == 1 and len(there.pop()) == len(scene.contacts)
+    assert len(there) == 1 and len(there.pop()) == len(simulator.scene.contacts)
 
 
 def test_frames_told_late_move_no_contact_where_rows_were_lost():
     """Rows told nothing of the end of a frame: what they had before was taken for what they said then, and by how far
     it was off, the contact was moved that they knew well by now. It got another number, and others came with it."""
-    scene = load_scene("slide")
-    simulator = Simulator(EIGHT, scene, row_period=ROW_PERIOD)
-    pipeline = Pipeline(EIGHT, Settings("fast", contact_law=scene.contact_law))
+    simulator, pipeline = scene_on("equal-8x8", "slide", "fast")
     random, state = np.random.default_rng(1), pipeline.rows(waits=False)
     frames, ids, apart, lost = [], defaultdict(set), [], 0
     for number in range(120):
@@ -379,7 +385,7 @@ def test_frames_told_late_move_no_contact_where_rows_were_lost():
         if number < 8 or last is None:
             continue
         contacts = pipeline.after_row(state).contacts
-        for which, true in enumerate(scene.contacts):
+        for which, true in enumerate(simulator.scene.contacts):
             place = true.at(last).centroid
             near = contacts[int(np.hypot(*(places(contacts) - place).T).argmin())]
             apart.append(off(near, place))

@@ -11,13 +11,15 @@ from contacts_support import (
     deviations_off,
     disc,
     off,
+    pipeline_of,
     places,
     rows_of,
+    scene_on,
     sensor,
+    told_rightly,
     unknown,
 )
 
-from tomotactile_ros.bench import trials as bench
 from tomotactile_ros.bench.sensor.readings import potentials, readings
 from tomotactile_ros.bench.sensor.states import states
 from tomotactile_ros.bench.trials import record, worn_scene
@@ -26,11 +28,8 @@ from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.search import Search
 from tomotactile_ros.layouts.layout import Layout, equal_grid, load_layout
 from tomotactile_ros.layouts.outline import Outline
-from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.reconstruction.grounded import GroundedSheet
 from tomotactile_ros.scenes.defects import Defects, SheetVariation
-from tomotactile_ros.scenes.scene import load_scene
-from tomotactile_ros.simulation import Simulator
 
 ONE = ((0.03, 0.02, 0.005, 2e4),)
 TWO = (*ONE, (-0.05, -0.04, 0.004, 1e4))
@@ -213,8 +212,8 @@ def test_a_disc_that_covers_an_electrode_is_found_in_its_size():
     said to be known to 0.05 mm. Frames of another model."""
     pressed = states("textbook-8x8", most=11)
     frame = readings(potentials(pressed.seen[10]), seed=(10, 1))
-    pipeline = Pipeline(pressed.layout, Settings("accurate", noise=NOISE, contact_law=bench.LAW))
-    (contact,) = pipeline.process(frame, np.arange(64), bench.DRIVE).contacts
+    pipeline = pipeline_of(pressed.layout)
+    (contact,) = pipeline.process(frame, np.arange(64), DRIVE).contacts
     (true,) = pressed.truths[10]
     assert off(contact, (true["x"], true["y"])) < 0.1e-3
     assert contact.radius == pytest.approx(true["radius"], rel=0.05)
@@ -242,8 +241,7 @@ def test_a_crowd_on_a_worn_sensor(count, side, seed):
     contacts won, and half of such frames had contacts where nothing is; two of the second were one shape of cells."""
     true, layout = crowd(count, side, np.random.default_rng(seed)), load_layout("equal-8x8")
     (frame,) = record(layout, worn_scene(), [true]).frames
-    pipeline = Pipeline(layout, Settings("accurate", noise=NOISE, contact_law=bench.LAW))
-    found = places(pipeline.process(frame, np.arange(64), bench.DRIVE).contacts)
+    found = places(pipeline_of(layout).process(frame, np.arange(64), DRIVE).contacts)
     assert len(found) == count
     assert np.hypot(*(found[:, None] - true).transpose(2, 0, 1)).min(axis=0).max() < 1.5e-3
 
@@ -260,14 +258,9 @@ def test_a_search_that_is_used_up_says_so():
 def test_fingers_beside_a_palm_are_no_cells():
     """In four of six frames a shape of 66 cells with a bent sheet left nothing over: forces 8 % and radii 30 %
     off, and later frames went on from there."""
-    layout, scene = load_layout("equal-8x8"), load_scene("hand")
-    frame = Simulator(layout, scene).measure(0.064, 1)
-    found = Pipeline(layout, Settings("accurate", contact_law=scene.contact_law)).process(frame)
-    assert len(found.contacts) == len(scene.contacts)
-    for true in scene.truth(0.0):
-        apart = [off(c, (true["x"], true["y"])) for c in found.contacts]
-        nearest = found.contacts[int(np.argmin(apart))]
-        assert min(apart) < 1e-3 and nearest.force == pytest.approx(true["force"], rel=0.06)
+    simulator, pipeline = scene_on("equal-8x8", "hand")
+    found = pipeline.process(simulator.measure(0.064, 1))
+    assert told_rightly(found, simulator.scene.truth(0.0), 1e-3, 0.06)
 
 
 def test_a_wide_contact_at_low_pressure_is_one():

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from devices_support import write_bag
 from scipy import io
 
 from tomotactile_ros import InputError
@@ -333,24 +334,19 @@ def commands(text: str) -> list[list[str]]:
     return [shlex.split(line) for line in re.findall(r"^    tomotactile (.*)$", text, re.MULTILINE)]
 
 
-def write_bag(messages, topics=("/readings",), shaped=True) -> None:
+def a_bag(arrays, topics=("/readings",), shaped=True) -> None:
     """A folder `bag` of Float32MultiArray."""
-    rosbag2 = pytest.importorskip("rosbags.rosbag2")
-    from rosbags.typesys import Stores, get_typestore
+    kind = "std_msgs/msg/Float32MultiArray"
 
-    store, kind = get_typestore(Stores.ROS2_JAZZY), "std_msgs/msg/Float32MultiArray"
-    types = store.types
-    plugin = rosbag2.StoragePlugin.MCAP
-    with rosbag2.Writer(Path("bag"), version=9, storage_plugin=plugin) as writer:
-        for topic in topics:
-            connection = writer.add_connection(topic, kind, typestore=store)
-            for number, array in enumerate(messages):
-                dimension = types["std_msgs/msg/MultiArrayDimension"]
-                dim = [dimension(label="", size=n, stride=0) for n in array.shape if shaped]
-                layout = types["std_msgs/msg/MultiArrayLayout"](dim=dim, data_offset=0)
-                message = types[kind](layout=layout, data=array.astype(np.float32).ravel())
-                time = round(1e9 * (1000 + 0.1 * number))
-                writer.write(connection, time, store.serialize_cdr(message, kind))
+    def messages(types):
+        dimension = types["std_msgs/msg/MultiArrayDimension"]
+        for number, array in enumerate(arrays):
+            dim = [dimension(label="", size=n, stride=0) for n in array.shape if shaped]
+            layout = types["std_msgs/msg/MultiArrayLayout"](dim=dim, data_offset=0)
+            message = types[kind](layout=layout, data=array.astype(np.float32).ravel())
+            yield round(1e9 * (1000 + 0.1 * number)), message
+
+    write_bag(Path("bag"), kind, messages, topics)
 
 
 def save_pyeit(section: str) -> None:
@@ -360,7 +356,7 @@ def save_pyeit(section: str) -> None:
 
 MAKE = {
     "A matrix of MATLAB": lambda text: io.savemat("press.mat", {"V": READINGS.transpose(1, 2, 0)}),
-    "A bag of Float32MultiArray": lambda text: write_bag(READINGS),
+    "A bag of Float32MultiArray": lambda text: a_bag(READINGS),
     "Arrays of pyEIT": save_pyeit,
 }
 EXAMPLES = [name for name, text in SECTIONS.items() if "tomotactile import" in text]
@@ -405,7 +401,7 @@ def test_an_example_of_the_page(small, name, capsys):
 
 
 def test_a_bag_of_rows_without_shape_has_their_times(small):
-    write_bag(READINGS.reshape(-1, 4), shaped=False)
+    a_bag(READINGS.reshape(-1, 4), shaped=False)
     found = import_frames("bag", load_layout("small.yaml"))
     np.testing.assert_allclose(found.frames.voltages[:, OFF], READINGS[:, OFF], atol=1e-6)
     assert found.frames.row_period == pytest.approx(0.1)
@@ -414,7 +410,7 @@ def test_a_bag_of_rows_without_shape_has_their_times(small):
 
 def test_bags_of_several_topics_or_of_something_else(small):
     layout = load_layout("small.yaml")
-    write_bag(READINGS, topics=("/left", "/right"))
+    a_bag(READINGS, topics=("/left", "/right"))
     with pytest.raises(InputError, match=r"several topics \(/left, /right\): name one"):
         import_frames("bag", layout)
     assert len(import_frames("bag", layout, variable="right").frames.voltages) == 2

@@ -417,6 +417,7 @@ def test_sensor_file_keeps_all_of_it_whatever_signs_and_order_modes_have(tmp_pat
     "old, new, complaint",
     [
         ("geometry: ", "geometry: x", "electrodes are not those of"),
+        ("geometry: ", "tears: [[0.0, 0.0, 0.01]]\ngeometry: ", "tears"),
         ("gain_deviation: [", "gain_deviation: [-", "not a positive number"),
         ("correlation: ", "correlation: A", "correlation: is not"),
         ("anisotropy: [", "anisotropie: [", "anisotropy: is missing"),

@@ -95,12 +95,3 @@ def test_where_a_tear_is_not_known_contacts_beside_it_are_right_or_withheld():
         else:
             (contact,) = result.contacts
             assert off(contact, at) < 3e-3
-
-
-def test_tears_that_are_none_of_the_sheet_are_refused_in_one_line(tmp_path):
-    path = tmp_path / "sensor.yaml"
-    learned = tt.learn(LAYOUT, touches(1, SheetField()), LAYOUT.grounded, DRIVE, noise=NOISE)
-    save_sensor(path, LAYOUT, learned.operator, learned.state)
-    path.write_text(path.read_text() + "tears: [[0.0, 0.0, 0.01]]\n")
-    with pytest.raises(tt.InputError, match="tears"):
-        load_sensor(path, LAYOUT)

@@ -5,32 +5,28 @@ import tracemalloc
 
 import numpy as np
 import pytest
+from contacts_support import DRIVE, disc, sensor
 
 from tomotactile_ros.commands.reconstruct import results_writer
 from tomotactile_ros.frames_file import load_frames, open_frames, save_arrays
 from tomotactile_ros.layouts.layout import equal_grid
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.reconstruction.settings import Result
-from tomotactile_ros.scenes.contact import Contact, ContactLaw
-from tomotactile_ros.scenes.defects import Noise
-from tomotactile_ros.scenes.scene import Scene, load_scene
-from tomotactile_ros.simulation import Simulator
+from tomotactile_ros.scenes.contact import ContactLaw
+from tomotactile_ros.scenes.scene import load_scene
 from tomotactile_ros.support.errors import InputError
 
-DRIVE, LAW = 3.3, ContactLaw(1e-4, 1.0)
 PLACE, PRESSURE, RADIUS = (0.026, -0.042), 30e3, 0.005
 FORCE = PRESSURE * np.pi * RADIUS**2
-NOISE = Noise(1e-3, 1)
 SMALL = equal_grid(4, 4, (0.2, 0.2), 0.005, 1e4)
 
 
-def disc(place, radius=RADIUS):
-    return Contact("disc", center=place, radius=radius, pressure=PRESSURE)
+def pressed(place=PLACE, radius=RADIUS):
+    return disc(*place, radius, pressure=PRESSURE)
 
 
-def frame_of(layout, *contacts, law=LAW, noise=NOISE):
-    scene = Scene("limits", DRIVE, contacts or [disc(PLACE)], law, noise)
-    return Simulator(layout, scene).frame(0.0)
+def frame_of(layout, *contacts, **how):
+    return sensor(layout, *(contacts or [pressed()]), adc=None, **how).frame(0.0)
 
 
 @pytest.fixture(scope="module")
@@ -94,7 +90,7 @@ def test_few_electrodes_that_are_left_are_estimated_with_their_uncertainty(frame
 def test_a_contact_over_the_rim(exponent):
     law = ContactLaw(3.0 / PRESSURE**exponent, exponent)
     layout = equal_grid(6, 6, (0.2, 0.2), 0.005, 1e4)
-    voltages = frame_of(layout, disc((0.1, 0.02)), law=law, noise=None)
+    voltages = frame_of(layout, pressed((0.1, 0.02)), law=law, noise=0.0)
     (found,) = process(layout, voltages, contact_law=law).contacts
     assert np.hypot(found.x - 0.1, found.y - 0.02) < 0.004
     # on an electrode the width hardly shows; with a square root the force goes with its square
@@ -108,10 +104,10 @@ def test_too_much_is_refused():
     with pytest.raises(InputError, match="has 2500 electrodes, at most 1024 are simulated"):
         frame_of(many)
     with pytest.raises(InputError, match=r"contacts\[0\]: 2 m wide on a sheet of 0.2 m"):
-        frame_of(SMALL, disc((0, 0), 1.0))
+        frame_of(SMALL, pressed((0, 0), 1.0))
     lattice = np.stack(np.meshgrid(*2 * [np.linspace(-0.09, 0.09, 14)]), -1).reshape(-1, 2)
     with pytest.raises(InputError, match="contacts: 196 at the same time, in .* at most 4000"):
-        frame_of(SMALL, *(disc(place, 0.003) for place in lattice))
+        frame_of(SMALL, *(pressed(place, 0.003) for place in lattice))
 
 
 def test_a_scene_of_thousands_of_contacts_is_refused_unread(tmp_path):

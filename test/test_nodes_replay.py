@@ -3,18 +3,19 @@
 import pytest
 
 rclpy = pytest.importorskip("rclpy")
-rosbags = pytest.importorskip("rosbags")
+pytest.importorskip("rosbags")
 
 import itertools
-from pathlib import Path
 
 import ros_checks
 from builtin_interfaces.msg import Time
+from devices_support import write_bag
 from rclpy.serialization import serialize_message
 from ros_checks import stamp
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image
 
+from tomotactile_ros.devices.bag import MESSAGE
 from tomotactile_ros.msg import VoltageFrame
 from tomotactile_ros.nodes.conversions import stamp_of
 
@@ -24,18 +25,9 @@ DEEP = 100
 
 def record(messages, folder) -> None:
     """Write frames as a rosbag2."""
-    from rosbags.rosbag2 import StoragePlugin, Writer
-    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-
-    name = "tomotactile_ros/msg/VoltageFrame"
-    text = (Path(__file__).resolve().parent.parent / "msg/VoltageFrame.msg").read_text("utf-8")
-    store = get_typestore(Stores.ROS2_JAZZY)
-    store.register(get_types_from_msg(text, name))
-    with Writer(folder, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
-        connection = writer.add_connection("/voltage_frame", name, typestore=store)
-        for message in messages:
-            seconds, nanoseconds = stamp(message)
-            writer.write(connection, seconds * 10**9 + nanoseconds, serialize_message(message))
+    times = [seconds * 10**9 + nanoseconds for seconds, nanoseconds in map(stamp, messages)]
+    written = [*zip(times, map(serialize_message, messages))]
+    write_bag(folder, MESSAGE, lambda types: written, ["/voltage_frame"], "sqlite3")
 
 
 class Player:

@@ -4,18 +4,28 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from contacts_support import DRIVE, LAW, NOISE, deviations_off, disc, frames_of, off, places, sensor
+from contacts_support import (
+    DRIVE,
+    LAW,
+    deviations_off,
+    disc,
+    frames_of,
+    off,
+    pipeline_of,
+    places,
+    scene_on,
+    sensor,
+    told_rightly,
+)
 
 from tomotactile_ros.bench.reference import ReferenceSheet, reference_frame
 from tomotactile_ros.estimation import screening
 from tomotactile_ros.estimation.screening import clipped
-from tomotactile_ros.evaluation.scoring import score_frame
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.scenes.contact import Contact
 from tomotactile_ros.scenes.course import Tap
-from tomotactile_ros.scenes.scene import load_scene
-from tomotactile_ros.simulation import ROW_PERIOD, Simulator
+from tomotactile_ros.simulation import ROW_PERIOD
 
 LAYOUT = load_layout("equal-8x8")
 
@@ -43,7 +53,7 @@ def test_ten_times_the_noise_swapped_wires_and_more(true, pressures, wires, seed
     """Nothing is told, or every contact is where one is and none is missing."""
     true = 1e-3 * np.array(true)
     discs = [disc(*place, pressure=p) for place, p in zip(true, pressures)]
-    pipeline = Pipeline(LAYOUT, Settings("accurate", noise=NOISE, contact_law=LAW))
+    pipeline = pipeline_of(LAYOUT)
     for frame in frames_of(sensor(LAYOUT, *discs, noise=1e-2, seed=seed), 2):
         frame = spoil(frame)
         frame[:, wires] = frame[:, wires[::-1]]
@@ -242,9 +252,8 @@ def test_what_flows_between_a_bare_conductor_and_an_electrode_beside_it_is_not_b
 def test_a_wire_that_is_loose_is_named_whatever_it_reads(profile, drift):
     """What a wire reads that hangs in the air says nothing; with its row left out and its readings used, frames were
     withheld as those of a torn sheet."""
-    layout, scene = load_layout("equal-4x4"), load_scene("default")
-    simulator, random = Simulator(layout, scene), np.random.default_rng(4)
-    pipeline = Pipeline(layout, Settings(profile, contact_law=scene.contact_law))
+    simulator, pipeline = scene_on("equal-4x4", "default", profile)
+    scene, random = simulator.scene, np.random.default_rng(4)
     for number in range(3):
         frame = simulator.measure(1.0 + 0.256 * number, number)
         voltages, row = frame.voltages.copy(), frame.grounded.tolist().index(5)
@@ -253,5 +262,4 @@ def test_a_wire_that_is_loose_is_named_whatever_it_reads(profile, drift):
         voltages[:, 5] = np.clip(1.2 + air, 0.0, scene.drive_voltage)
         result = pipeline.process(replace(frame, voltages=voltages))
         assert result.state == "valid" and result.faults == {5: screening.OPEN}
-        score = score_frame(result.contacts, scene.truth(frame.stamp + result.holds))
-        assert score.ghosts == score.missed == 0 and max(score.place) < 1e-3
+        assert told_rightly(result, scene.truth(frame.stamp + result.holds), 1e-3)

@@ -73,14 +73,6 @@ def test_more_pixels_than_readings(side, regularization):
     assert is_the_dense_solution(image, dense, voltages, regularization)
 
 
-def test_sensitivity_and_adjoint_agree(four):
-    random, operator = np.random.default_rng(2), Sensitivity(four[0])
-    image, voltages = random.standard_normal(256), random.standard_normal((16, 16))
-    np.fill_diagonal(voltages, 0)
-    left = np.vdot(operator.forward(image), voltages)
-    assert left == pytest.approx(np.vdot(image, operator.adjoint(voltages)), rel=1e-10)
-
-
 # -- the local image -------------------------------------------------------------------------------
 
 DRIVE, RESISTANCE = 3.3, 1e4

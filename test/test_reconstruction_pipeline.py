@@ -5,7 +5,7 @@ import warnings
 
 import numpy as np
 import pytest
-from contacts_support import DRIVE, LAW, disc, off, sensor
+from contacts_support import DRIVE, disc, off, pipeline_of, sensor
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
@@ -130,7 +130,7 @@ def test_swapped_wires_are_known_from_one_touch_to_the_next(layout, frame):
     """Looked for among contacts with all channels, each frame took seconds, and 3 of 60 ended with
     what leaves 37 to 56 standard deviations squared a reading over."""
     touched = frame[np.ix_(SWAPPED, SWAPPED)]
-    pipeline = Pipeline(layout, Settings("accurate", noise=1e-3, contact_law=LAW))
+    pipeline = pipeline_of(layout)
     for readings in (touched, np.where(np.isnan(frame), np.nan, 0.0), touched):
         result = pipeline.process(readings, GROUNDED, DRIVE)
         if not result.idle:

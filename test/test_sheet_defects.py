@@ -4,12 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from contacts_support import DRIVE, disc, sensor
 
 from tomotactile_ros.layouts.layout import Layout, equal_grid, load_layout
 from tomotactile_ros.layouts.outline import Outline
-from tomotactile_ros.scenes.contact import Contact, ContactLaw
 from tomotactile_ros.scenes.defects import Defects
-from tomotactile_ros.scenes.scene import Scene
 from tomotactile_ros.scenes.sheet_field import (
     Anisotropy,
     Gradient,
@@ -25,21 +24,17 @@ from tomotactile_ros.sheet.closed_form import ClosedFormSheet
 from tomotactile_ros.sheet.contact_points import contact_points
 from tomotactile_ros.sheet.fem import FemSheet
 from tomotactile_ros.sheet.voltages import frame
-from tomotactile_ros.simulation import Simulator
 from tomotactile_ros.support.errors import InputError
 
-DRIVE = 3.3
-LAW = ContactLaw(1e-4, 1.0)
 GRID = equal_grid(4, 4, (0.1, 0.1), 0.0025, 1e4, inset=0.005)
 H = 0.0025
 OFF = ~np.eye(16, dtype=bool)
 
 
 def simulated(field, place=(0.013, 0.021), layout=GRID, variation=None, t=0.0):
-    contact = Contact("disc", center=place, radius=0.005, pressure=2e4)
     defects = Defects(sheet=field, sheet_variation=variation)
-    scene = Scene("any", DRIVE, (contact,), LAW, defects=defects)
-    return Simulator(layout, scene, h=H, row_period=0).frame(t)
+    press = disc(*place, 0.005, pressure=2e4)
+    return sensor(layout, press, noise=0.0, defects=defects, h=H, row_period=0.0).frame(t)
 
 
 def rms(difference):
@@ -58,10 +53,10 @@ def test_anisotropy_is_the_closed_form_of_a_stretched_sheet(ratio, limit):
     outline = Outline.rectangle(*(0.1 * scale))
     stretched = Layout("s", outline, 1e4, radius * GRID.radius, GRID.positions * scale)
     place = np.array([0.013, 0.021])
-    disc = Contact("disc", center=place * scale, radius=0.005 * radius)
+    smaller = disc(*(place * scale), 0.005 * radius)
     # the same current through a disc of another area
     points = contact_points(
-        ClosedFormSheet(stretched, ring=12), [(disc.patches(24), 2 / radius**2)]
+        ClosedFormSheet(stretched, ring=12), [(smaller.patches(24), 2 / radius**2)]
     )
     expected = frame(*points, DRIVE)
     found = simulated(SheetField(anisotropy=Anisotropy(ratio)), place)
@@ -96,7 +91,7 @@ def test_cut_in_two_the_half_that_is_touched_is_a_sheet_of_its_own():
 def test_lines_alone_change_nothing():
     """Elements that follow lines of an even sheet: as far as another mesh goes."""
     field = SheetField(tears=(Tear(((-0.02, 0.0), (0.03, 0.013)), 1e-4),))
-    contact = Contact("disc", center=(0.013, 0.021), radius=0.005).patches(6)
+    contact = disc(0.013, 0.021, 0.005).patches(6)
     found = [
         frame(*contact_points(FemSheet(GRID, h=H, lines=lines), [(contact, 2.0)]), DRIVE)
         for lines in ([], field.rims(H / 2))
@@ -121,11 +116,11 @@ def test_against_the_reference_model(field, variation):
         import gmsh  # noqa: F401
     except (ImportError, OSError) as error:
         pytest.skip(f"no Gmsh: {error}")
-    from tomotactile_ros.bench.reference import ReferenceSheet, disc, reference_frame
+    from tomotactile_ros.bench.reference import ReferenceSheet, reference_frame
 
     lines = [(line, 1.5e-3) for line in field.rims()]
     sheet = ReferenceSheet(GRID, conductance_of(GRID, field, variation), h=0.003, lines=lines)
-    expected = reference_frame(sheet.solve([(disc((0.013, 0.021), 0.005), 2.0)]), DRIVE)
+    expected = reference_frame(sheet.solve([(disc(0.013, 0.021, 0.005), 2.0)]), DRIVE)
     found = simulated(field, variation=variation)
     assert rms(found - expected) < 0.012
     assert rms(expected - EVEN) > 5 * rms(found - expected)
@@ -153,11 +148,10 @@ def test_temperature_is_another_sheet_resistance():
 
 def test_a_sheet_that_was_made_otherwise_reads_as_one_whose_layout_has_it():
     drawn = load_layout("equal-4x4")
-    contact = Contact("disc", center=(0.03, 0.02), radius=0.006, force=2.0)
 
     def frame_of(layout, **made):
-        scene = Scene("cut", DRIVE, (contact,), LAW, defects=Defects(**made))
-        return Simulator(layout, scene).ideal_frame(0.0)
+        press = disc(0.03, 0.02, force=2.0)
+        return sensor(layout, press, defects=Defects(**made)).ideal_frame(0.0)
 
     outline = Outline.rectangle(0.21, 0.204)
     expected = frame_of(replace(drawn, outline=outline, radius=0.006))

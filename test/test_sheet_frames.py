@@ -4,6 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
+from contacts_support import disc
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -36,16 +37,12 @@ def press(sheet, *contacts, **settings):
     return frame(*contact_points(sheet, [(c.patches(), g) for c, g in contacts]), DRIVE, **settings)
 
 
-def disc(x, y, radius=0.005):
-    return Contact("disc", center=(x, y), radius=radius)
-
-
 def test_the_models_agree(layout):
     models = [make_sheet(layout, model) for model in ("closed_form", "fem")]
     for contacts in (
-        [(disc(0.03, 0.04), 2.0)],
-        [(disc(0.03, 0.04), 2.0), (disc(-0.02, 0.0, 0.01), 5.0)],
-        [(disc(0.0, 0.0), np.inf)],
+        [(disc(0.03, 0.04, 0.005), 2.0)],
+        [(disc(0.03, 0.04, 0.005), 2.0), (disc(-0.02, 0.0, 0.01), 5.0)],
+        [(disc(0.0, 0.0, 0.005), np.inf)],
         [(Contact("rectangle", center=(-0.03, 0.02), size=(0.05, 0.02), angle=30), 1.0)],
     ):
         first, second = (press(sheet, *contacts) for sheet in models)
@@ -53,10 +50,10 @@ def test_the_models_agree(layout):
 
 
 def test_both_limits_of_the_contact_conductance_are_reached_continuously(sheet):
-    bare = press(sheet, (disc(0.03, 0.04), np.inf))
-    nearly = press(sheet, (disc(0.03, 0.04), 1e12))
+    bare = press(sheet, (disc(0.03, 0.04, 0.005), np.inf))
+    nearly = press(sheet, (disc(0.03, 0.04, 0.005), 1e12))
     assert np.nanmax(np.abs(bare - nearly)) < 1e-5 * DRIVE
-    weak, weaker = (press(sheet, (disc(0.03, 0.04), g)) for g in (1e-6, 1e-7))
+    weak, weaker = (press(sheet, (disc(0.03, 0.04, 0.005), g)) for g in (1e-6, 1e-7))
     assert np.nanmax(np.abs(weak - 10 * weaker)) < 1e-5 * np.nanmax(weak)
 
 
@@ -77,7 +74,7 @@ PLACES = [
 
 @pytest.mark.parametrize("where, radius, conductance", PLACES)
 def test_maximum_principle(sheet, where, radius, conductance):
-    beside = [(disc(-0.05, 0.0), 5.0)] if where == INSIDE else []
+    beside = [(disc(-0.05, 0.0, 0.005), 5.0)] if where == INSIDE else []
     voltages = press(sheet, (disc(*where, radius), conductance), *beside)[OFF]
     # charges on the rims of the sheet and of the contact show each other
     over = 1e-3 if sheet.model == "closed_form" and where != INSIDE else 1e-10

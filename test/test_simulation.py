@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import contacts_support
 import numpy as np
 import pytest
 
@@ -30,8 +31,8 @@ LAW = ContactLaw(1e-4, 1.0)
 OFF = ~np.eye(16, dtype=bool)
 
 
-def disc(x, y, radius=0.006, velocity=(0.0, 0.0), **times):
-    return Contact("disc", (x, y), radius=radius, pressure=2e4, velocity=velocity, **times)
+def disc(x, y, radius=0.006, **times):
+    return contacts_support.disc(x, y, radius, pressure=2e4, **times)
 
 
 CONTACT = disc(0.03, 0.02)
