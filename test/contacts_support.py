@@ -31,10 +31,10 @@ def sensor(layout, *contacts, noise=NOISE, seed=1, law=LAW, defects=FLAWLESS, **
     return Simulator(layout, scene, **{"row_period": ROW_PERIOD, **how})
 
 
-def pipeline_of(layout, profile="accurate", noise=NOISE, law=LAW, **settings):
-    """A `Pipeline` of a layout, or its name, that knows noise and contact law."""
+def pipeline_of(layout, profile="accurate", **settings):
+    """A `Pipeline` of a layout, or its name, which expects NOISE and LAW if nothing else is said."""
     layout = load_layout(layout) if isinstance(layout, str) else layout
-    return Pipeline(layout, Settings(profile, noise=noise, contact_law=law, **settings))
+    return Pipeline(layout, Settings(profile, **settings))
 
 
 def scene_on(layout, scene, profile="accurate", **settings):

@@ -153,21 +153,6 @@ def test_inspect_draws_the_y_axis_upwards_noise_dark_and_readings_bright(tmp_pat
         assert any(c in picture.split("  nothing")[0] for c in "=+*#%@") == shown
 
 
-@pytest.mark.parametrize(
-    ("changed", "said"),
-    [
-        ({"layout_id": "equal-8x8"}, "layout_id"),
-        ({"contact_law": ["a", "b"]}, "contact_law"),
-    ],
-)
-def test_frames_that_are_none_are_refused(frames, tmp_path, changed, said, run):
-    bad = tmp_path / "bad.npz"
-    with np.load(frames) as file:
-        np.savez(bad, **{**file, **changed})
-    told = run("reconstruct", bad, *SMALL, "--out", tmp_path / "r", status=2).stderr
-    assert told.count("\n") == 1 and f"bad.npz: {said}" in told
-
-
 def test_a_reader_that_has_enough_ends_the_command_quietly():
     read, write = os.pipe()
     os.close(read)

@@ -255,6 +255,7 @@ def changed(tmp_path: Path, **changes) -> Path:
         ({"drive_voltage": np.array([1.0, 2.0])}, "drive_voltage"),
         ({"row_period": -1e-3}, "row_period: "),
         ({"row_period": "1 ms"}, "row_period: "),
+        ({"contact_law": ["a", "b"]}, "changed.npz: contact_law"),
     ],
 )
 def test_what_is_wrong_with_a_recording_is_told_at_once(tmp_path, changes, words):

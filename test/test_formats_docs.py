@@ -67,6 +67,11 @@ def test_what_is_called_required_is_missed(tmp_path, key):
         load_layout(tmp_path / "wrong.yaml")
 
 
+SCENES = (ROOT / "docs" / "scenes.md").read_text(encoding="utf-8")
+(SCENE,) = re.findall(r"```yaml\n(.*?)```", SCENES, re.DOTALL)
+KEYS = set(re.findall(r"`([a-z_.]+)`", SCENES))
+
+
 @pytest.mark.parametrize(
     ("prefix", "old", "new"),
     [
@@ -77,16 +82,26 @@ def test_what_is_called_required_is_missed(tmp_path, key):
         ("surface.cylinder.", "{radius: 0.15}", "{radios: 0.15}"),
         ("surface.grid.", "{cylinder: {radius: 0.15}}", "{grid: {pts: []}}"),
         ("surface.mesh.", "{cylinder: {radius: 0.15}}", "{mesh: {files: x}}"),
+        (None, "drive_voltage", "drive_voltages"),
+        (None, "radius: 0.006", "radios: 0.006"),
+        (None, "duration:", "durations:"),
+        (None, "exponent:", "exponents:"),
+        (None, "swapped:", "swaped:"),
     ],
 )
-def test_every_key_that_the_layout_allows_is_explained(tmp_path, prefix, old, new):
-    """The loader says which keys there are when it complains of one that is not."""
-    (tmp_path / "wrong.yaml").write_text(LAYOUT.replace(old, new, 1))
+def test_every_key_that_layouts_and_scenes_allow_is_explained(tmp_path, prefix, old, new):
+    """The loaders say which keys there are when they complain of one that is not; `prefix`: of a layout."""
+    of_scene = prefix is None
+    text, load = (SCENE, load_scene) if of_scene else (LAYOUT, load_layout)
+    (tmp_path / "wrong.yaml").write_text(
+        text.replace(old, new) if of_scene else text.replace(old, new, 1)
+    )
     with pytest.raises(InputError) as error:
-        load_layout(tmp_path / "wrong.yaml")
+        load(tmp_path / "wrong.yaml")
     allowed = str(error.value).split("allowed are ")[1].split(", ")
-    explained = set(rows("Layout")) | {key.rsplit(".", 1)[0] for key in rows("Layout")}
-    assert {prefix + key for key in allowed} <= explained
+    explained = KEYS if of_scene else set(rows("Layout"))
+    explained = explained | {key.rsplit(".", 1)[0] for key in explained}
+    assert {(prefix or "") + key for key in allowed} <= explained
 
 
 def test_every_array_of_frames_is_explained_and_read(tmp_path):

@@ -149,7 +149,7 @@ def test_an_image_that_explains_a_frame_waits_for_nothing(layout, frames, profil
     assert result.complete and len(result.contacts) == 2
 
 
-@pytest.mark.parametrize("profile", ["balanced", "accurate", "auto"])
+@pytest.mark.parametrize("profile", ["accurate", "auto"])
 def test_a_glance_is_right_within_its_deviations(layout, frames, profile):
     pipeline = Pipeline(layout, Settings(profile, deadline=AT_ONCE))
     # whoever waits for the interpreter may find the search at its end

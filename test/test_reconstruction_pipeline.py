@@ -25,7 +25,7 @@ from tomotactile_ros.support.errors import Doubt, InputError
 
 WEAK = ContactLaw(1e-6, 1.0)
 TRUE = [(0.034, 0.051, 20e3), (-0.045, -0.022, 30e3)]
-PROFILES = ("fast", "balanced", "accurate")
+PROFILES = ("fast", "accurate")
 SWAPPED = np.r_[:18, 19, 18, 20:64]  # wires 18 and 19
 
 
@@ -48,7 +48,7 @@ def frame(layout):
 @pytest.fixture(scope="module")
 def pipelines(layout):
     first = Pipeline(layout, Settings("fast"))
-    return {p: first.with_settings(Settings(p)) for p in PROFILES}
+    return {p: first.with_settings(Settings(p)) for p in (*PROFILES, "balanced")}
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +71,7 @@ GROUNDED = np.arange(64)
 
 @pytest.mark.parametrize(
     "profile, distance, force",
-    [("fast", 0.0055, 0.4), ("balanced", 0.002, 0.25), ("accurate", 0.001, 0.12)],
+    [("fast", 0.0055, 0.4), ("accurate", 0.001, 0.12)],
 )
 def test_two_contacts_are_found_with_position_and_force(pipelines, frame, profile, distance, force):
     """And the image shows them: what is at plus x, plus y in the upper right."""
@@ -90,6 +90,8 @@ def test_two_contacts_are_found_with_position_and_force(pipelines, frame, profil
     assert image[:20, 20:].max() > 5 * image[:20, :20].max()
     expected = (0.1 - 0.051) / 0.005 - 0.5, (0.034 + 0.1) / 0.005 - 0.5 - 20
     assert np.hypot(upper_right[0] - expected[0], upper_right[1] - expected[1]) < 1.5
+    if profile == "accurate":  # `balanced` differs in what is wide alone
+        assert pipelines["balanced"].process(frame, GROUNDED, DRIVE).contacts == result.contacts
 
 
 @pytest.mark.parametrize("profile", ["fast", "accurate"])

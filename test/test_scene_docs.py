@@ -4,14 +4,11 @@ import dataclasses
 import re
 from pathlib import Path
 
-import pytest
-
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.scenes import contact, course, defects, profile, sheet_field
 from tomotactile_ros.scenes.contact_law import ContactLaw
 from tomotactile_ros.scenes.scene import load_scene
 from tomotactile_ros.scenes.touches import HOLD, MOST
-from tomotactile_ros.support.errors import InputError
 
 ROOT = Path(__file__).resolve().parent.parent
 TEXT = (ROOT / "docs" / "scenes.md").read_text(encoding="utf-8")
@@ -26,28 +23,6 @@ def test_the_example_loads_and_names_every_part_of_a_scene(tmp_path):
     assert all(vars(scene.contact_law).values())
     missing = [key for key, each in defects.by_key(scene.defects).items() if not each]
     assert not missing, f"docs/scenes.md: the example lacks, under defects: {', '.join(missing)}"
-
-
-@pytest.mark.parametrize(
-    ("section", "wrong"),
-    [
-        ("top", lambda text: text.replace("drive_voltage", "drive_voltages")),
-        ("contact", lambda text: text.replace("radius: 0.006", "radios: 0.006")),
-        ("course", lambda text: text.replace("duration:", "durations:")),
-        ("law", lambda text: text.replace("exponent:", "exponents:")),
-        ("defects", lambda text: text.replace("swapped:", "swaped:")),
-    ],
-)
-def test_every_key_that_the_loader_allows_is_explained(tmp_path, section, wrong):
-    """The loader says which keys there are when it complains of one that is not."""
-    (tmp_path / "wrong.yaml").write_text(wrong(EXAMPLE))
-    with pytest.raises(InputError) as error:
-        load_scene(tmp_path / "wrong.yaml")
-    allowed = str(error.value).split("allowed are ")[1].split(", ")
-    assert len(allowed) > 1
-    explained = set(re.findall(r"`([a-z_.]+)`", TEXT))
-    explained |= {word.split(".")[0] for word in explained}
-    assert set(allowed) <= explained, section
 
 
 def test_words_and_numbers_of_the_page_are_those_of_the_code():
