@@ -44,7 +44,7 @@ LONGEST = """
     learning_live nodes_chain nodes_parameters estimation_shape estimation_search learning_tears nodes_time
     examples learning nodes_live nodes_optimizer reconstruction_pipeline reconstruction_faults view_page
     estimation_rim nodes_serial nodes_kept bench_trade reconstruction_discs nodes_touches
-    nodes_refusal nodes_skin estimation_rows optimizer_resume nodes_devices nodes_replay
+    nodes_refusal nodes_skin estimation_rows nodes_replay
     optimizer_command optimizer_free devices_serial security_policy estimation_motion
 """
 

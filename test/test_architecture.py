@@ -1,5 +1,7 @@
-"""docs/architecture.md: its plan names every room of the package, and imports go down it."""
+"""docs/architecture.md: its plan names every room of the package, and imports go down it. Each number that
+estimation, learning and reconstruction name has its unit and reason beside it."""
 
+import itertools
 import re
 from pathlib import Path
 
@@ -55,3 +57,19 @@ def test_only_nodes_know_ros():
         if room_of(path) != "nodes" and ros.search(path.read_text())
     }
     assert outside <= {"devices/bag.py"}
+
+
+NUMBER = re.compile(r"^[A-Z_][A-Z0-9_, ]*(: [\w.\[\], ]+)? = \(?-?[\d.]")
+
+
+def test_every_number_has_a_comment():
+    bare = []
+    for room in ("estimation", "learning", "reconstruction"):
+        for path in sorted((PACKAGE / room).glob("*.py")):
+            lines = path.read_text(encoding="utf-8").splitlines()
+            bare += [
+                f"{room}/{path.name}:{number}: {line}"
+                for number, (before, line) in enumerate(itertools.pairwise(lines), 2)
+                if NUMBER.match(line) and "  # " not in line and not before.startswith("# ")
+            ]
+    assert bare == []

@@ -1,6 +1,8 @@
-"""docs/formats.md against the loaders: its examples load, every key they allow is explained."""
+"""docs/formats.md and docs/scenes.md against the loaders: their examples load, every key that is allowed is
+explained."""
 
 import ast
+import dataclasses
 import json
 import os
 import re
@@ -23,12 +25,17 @@ from tomotactile_ros.optimizer.work import Work
 from tomotactile_ros.reconstruction.calibration import load_calibration
 from tomotactile_ros.reconstruction.settings import DEFAULT_LAW, ContactEstimate, Result
 from tomotactile_ros.reconstruction.tare_file import Tare
+from tomotactile_ros.scenes import contact, course, defects, profile, sheet_field
+from tomotactile_ros.scenes.contact_law import ContactLaw
 from tomotactile_ros.scenes.scene import load_scene
+from tomotactile_ros.scenes.touches import HOLD, MOST
 from tomotactile_ros.support.errors import InputError
 
 ROOT = Path(__file__).resolve().parent.parent
 TEXT = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
 LAYOUT, CALIBRATION = re.findall(r"```yaml\n(.*?)```", TEXT, re.DOTALL)
+SCENES = (ROOT / "docs" / "scenes.md").read_text(encoding="utf-8")
+(SCENE,) = re.findall(r"```yaml\n(.*?)```", SCENES, re.DOTALL)
 (FRAMES,) = re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL)
 
 
@@ -67,8 +74,6 @@ def test_what_is_called_required_is_missed(tmp_path, key):
         load_layout(tmp_path / "wrong.yaml")
 
 
-SCENES = (ROOT / "docs" / "scenes.md").read_text(encoding="utf-8")
-(SCENE,) = re.findall(r"```yaml\n(.*?)```", SCENES, re.DOTALL)
 KEYS = set(re.findall(r"`([a-z_.]+)`", SCENES))
 
 
@@ -93,9 +98,7 @@ def test_every_key_that_layouts_and_scenes_allow_is_explained(tmp_path, prefix, 
     """The loaders say which keys there are when they complain of one that is not; `prefix`: of a layout."""
     of_scene = prefix is None
     text, load = (SCENE, load_scene) if of_scene else (LAYOUT, load_layout)
-    (tmp_path / "wrong.yaml").write_text(
-        text.replace(old, new) if of_scene else text.replace(old, new, 1)
-    )
+    (tmp_path / "wrong.yaml").write_text(text.replace(old, new, 1))
     with pytest.raises(InputError) as error:
         load(tmp_path / "wrong.yaml")
     allowed = str(error.value).split("allowed are ")[1].split(", ")
@@ -219,3 +222,43 @@ def test_every_row_of_the_first_table_is_among_the_files_that_are_shown(every_fi
     table = TEXT.split("| file | written by")[1].split("\n\n")[0]
     first = {re.search(r"\w+", line).group() for line in table.splitlines()[2:]}
     assert first == set(every_file) - {"kept"}
+
+
+# -- docs/scenes.md --------------------------------------------------------------------------------
+
+
+def test_the_example_loads_and_names_every_part_of_a_scene(tmp_path):
+    (tmp_path / "example.yaml").write_text(SCENE)
+    scene = load_scene(tmp_path / "example.yaml")
+    scene.check(load_layout("equal-8x8"))
+    assert {c.shape for c in scene.contacts} == set(contact.SHAPES)
+    assert all(vars(scene.contact_law).values())
+    missing = [key for key, each in defects.by_key(scene.defects).items() if not each]
+    assert not missing, f"docs/scenes.md: the example lacks, under defects: {', '.join(missing)}"
+
+
+def test_words_and_numbers_of_the_page_are_those_of_the_code():
+    names = set(re.findall(r"`([a-z_-]+)`", SCENES))
+    assert {*contact.SHAPES, *profile.PROFILES, *course.KINDS} <= names
+    assert {key for _, keys in course.KINDS.values() for key in keys} <= names
+    assert {f.name for f in dataclasses.fields(ContactLaw)} - {"hysteresis", "creep"} <= names
+    assert {f.name for f in dataclasses.fields(defects.Drift)} <= names
+    for part in (
+        sheet_field.Anisotropy,
+        sheet_field.Gradient,
+        sheet_field.Tear,
+        sheet_field.Patch,
+        sheet_field.Temperature,
+    ):
+        assert {f.name for f in dataclasses.fields(part)} <= names, part
+    assert f"holds for {HOLD:g} s" in SCENES and f"At most {MOST} are taken" in SCENES
+
+
+def test_every_shipped_scene_is_listed():
+    shipped = {path.stem for path in (ROOT / "config" / "scenes").glob("*.yaml")}
+    listed = SCENES.split("## Shipped scenes")[1].replace("`-", "`experiment-")
+    listed = set(re.findall(r"`([a-z-]+)`", listed))
+    assert shipped == listed, (
+        f"docs/scenes.md, 'Shipped scenes': give each scene of config/scenes/ a row with what it is for "
+        f"(missing: {sorted(shipped - listed)}), and no other (without a file: {sorted(listed - shipped)})"
+    )

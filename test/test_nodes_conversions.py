@@ -1,6 +1,6 @@
 """Messages hold what the arrays held: values, order, orientation, stamps; bad frames are refused.
 
-Contacts, cloud, layout and markers in space: test_docs_surfaces.py, and ros_checks.check_surface.
+Contacts, cloud, layout and markers in space: test_surfaces.py, and ros_checks.check_surface.
 """
 
 from dataclasses import replace

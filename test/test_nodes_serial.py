@@ -1,4 +1,5 @@
-"""The driver node with hardware that comes, goes and misbehaves: the emulator as a process."""
+"""The driver node with hardware that comes, goes and misbehaves: the emulator as a process; a curved sheet on a
+line, and its recording, through both nodes."""
 
 from itertools import pairwise
 
@@ -16,10 +17,12 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Temperature
 from std_srvs.srv import Trigger
 
+from tomotactile_ros.devices import KINDS
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.layouts.scan_order import spread
 from tomotactile_ros.msg import Contact, ContactArray, VoltageFrame
 from tomotactile_ros.nodes.conversions import stamp_of
+from tomotactile_ros.nodes.data_source import NATURES
 
 PROMISED = """
     state frames rate_wanted rate_device rate_seen packets_lost crc_errors resynchronisations
@@ -173,3 +176,27 @@ def test_a_sensor_that_prints_text_comes_through_the_driver(probe, start, plug, 
     refused = probe.set_parameter("/driver", "protocol", "text-volts")
     assert not refused.successful and "text-V" in refused.reason
     ends_cleanly(driver)
+
+
+def test_a_curved_sheet_on_a_line_and_recorded(probe, start, spawn, scene, tmp_path):
+    """One reconstruction, of the sensor at first and then of its recording."""
+    curved = ros_checks.write_curved_layout(tmp_path)
+    reconstruction = start("reconstruction", {"layout": curved})
+    spawn(*ros_checks.emulator(tmp_path, curved, scene), warm=False)
+    for device in ("serial", "replay"):
+        source = ros_checks.arguments_of(device, tmp_path, curved, scene)
+        driver = start("driver", {"layout": curved, "loop": "true", **source})
+        ros_checks.check_topics(probe)
+        ros_checks.check_contact(probe, bent=True)
+        ros_checks.check_surface(probe)
+        ros_checks.check_diagnostics(probe, "driver: device", DiagnosticStatus.OK, "")
+        ros_checks.check_tare(probe)
+        ends_cleanly(driver)
+    ends_cleanly(reconstruction)
+
+
+def test_only_data_of_sensors_are_not_marked():
+    sensors = {"serial"}
+    assert set(NATURES) == set(KINDS) - sensors, (
+        "a device that is no sensor needs its line in NATURES, nodes/data_source.py; one that is, a name here"
+    )

@@ -1,5 +1,5 @@
 """launch/tactile.launch.py, plain, managed, in one process, with a serial line and with a recording:
-what test_nodes_chain.py and test_nodes_devices.py check, under launch."""
+what test_nodes_chain.py and test_nodes_serial.py check, under launch."""
 
 import os
 import signal
