@@ -30,6 +30,7 @@ from tomotactile_ros.scenes.contact_law import ContactLaw
 from tomotactile_ros.scenes.scene import load_scene
 from tomotactile_ros.scenes.touches import HOLD, MOST
 from tomotactile_ros.support.errors import InputError
+from tomotactile_ros.support.yamlio import keys_of
 
 ROOT = Path(__file__).resolve().parent.parent
 TEXT = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
@@ -240,7 +241,7 @@ def test_the_example_loads_and_names_every_part_of_a_scene(tmp_path):
 def test_words_and_numbers_of_the_page_are_those_of_the_code():
     names = set(re.findall(r"`([a-z_-]+)`", SCENES))
     assert {*contact.SHAPES, *profile.PROFILES, *course.KINDS} <= names
-    assert {key for _, keys in course.KINDS.values() for key in keys} <= names
+    assert {key for kind in course.KINDS.values() for key in keys_of(kind)} <= names
     assert {f.name for f in dataclasses.fields(ContactLaw)} - {"hysteresis", "creep"} <= names
     assert {f.name for f in dataclasses.fields(defects.Drift)} <= names
     for part in (

@@ -62,5 +62,4 @@ def read_tolerance(reader: Reader) -> Tolerance:
     if "tolerance" not in reader:
         return Tolerance()
     section = reader.section("tolerance", "{outline: 0.002, places: 0.001, radius: 0.1}")
-    section.only("outline", "places", "radius")
-    return section.build(Tolerance, **{key: section.number(key) for key in section.mapping})
+    return section.read(Tolerance)

@@ -20,7 +20,6 @@ from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.support.yamlio import Reader
 
-KEYS = ("gain", "offset", "ground_resistance", "settling", "open", "stuck")
 _WIDEST = 0.25  # rms of gains: at four standard deviations a channel is dead
 _GAIN, _OFFSET, _GROUND = 1, 2, 3  # keep numbers of equal seeds apart
 
@@ -161,38 +160,7 @@ class ChannelNumbers:
 
 def read_channels(reader: Reader) -> Channels:
     """The channels' part of the defects in a scene file."""
-    return reader.build(
-        Channels,
-        gain=_values(reader, "gain", Rms, ("rms",)),
-        offset=_values(reader, "offset", Rms, ("rms",)),
-        ground_resistance=_values(reader, "ground_resistance", Uniform, ("mean", "spread")),
-        settling=_settling(reader),
-        open=reader.integers("open", ()),
-        stuck=_stuck(reader),
-    )
-
-
-def _values(reader, key, kind, names):
-    """A list of numbers, or how they are drawn; None if the key is not there."""
-    if key not in reader:
-        return None
-    value = reader.mapping[key]
-    if isinstance(value, list):
-        return reader.numbers(key, len(value))
-    if not isinstance(value, dict):
-        reader.refuse(key, value, f"is neither a list of numbers nor {{{', '.join(names)}, seed}}")
-    section = reader.section(key)
-    section.only(*names, "seed")
-    numbers = {name: section.number(name) for name in names if name != "spread"}
-    if "spread" in section:
-        numbers["spread"] = section.number("spread")
-    return section.build(kind, **numbers, seed=section.integer("seed", 0))
-
-
-def _settling(reader):
-    if isinstance(reader.mapping.get("settling"), list):
-        return reader.numbers("settling", len(reader.mapping["settling"]))
-    return reader.number("settling", None)
+    return reader.build(Channels, **reader.values(Channels, "stuck"), stuck=_stuck(reader))
 
 
 def _stuck(reader):

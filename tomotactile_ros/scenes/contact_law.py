@@ -23,7 +23,6 @@ import numpy as np
 from tomotactile_ros.scenes.force_signal import Signal
 from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import InputError
-from tomotactile_ros.support.yamlio import Reader
 
 _PLAYS = 8
 
@@ -133,32 +132,3 @@ class ContactLaw:
         except OverflowError:
             return checks.LARGEST
         return min(p, checks.LARGEST)
-
-    def to_dict(self) -> dict:
-        """The law as in a scene file."""
-        content: dict[str, object] = {
-            "coefficient": self.coefficient,
-            "exponent": self.exponent,
-        }
-        for key in ("hysteresis", "creep"):
-            if getattr(self, key) is not None:
-                content[key] = dict(vars(getattr(self, key)))
-        return content
-
-
-def read_contact_law(reader: Reader) -> ContactLaw:
-    """The contact law in a mapping of a scene file."""
-    reader.only("coefficient", "exponent", "hysteresis", "creep")
-    memory: dict[str, Hysteresis | Creep] = {}
-    if "hysteresis" in reader:
-        section = reader.section("hysteresis")
-        section.only("relative")
-        memory["hysteresis"] = section.build(Hysteresis, section.number("relative"))
-    if "creep" in reader:
-        section = reader.section("creep")
-        section.only("relative", "times")
-        times = [entry.number(name) for name, entry in section.entries("times")]
-        memory["creep"] = section.build(Creep, section.number("relative"), tuple(times))
-    return reader.build(
-        ContactLaw, reader.number("coefficient"), reader.number("exponent"), **memory
-    )

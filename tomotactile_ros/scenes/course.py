@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from tomotactile_ros.scenes.force_signal import Piece, Signal
 from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import InputError
-from tomotactile_ros.support.yamlio import Reader
+from tomotactile_ros.support.yamlio import Reader, mapping_of
 
 HOLD = Signal((Piece(math.inf, 1.0),))
 
@@ -98,27 +98,15 @@ class Sine:
 
 
 Course = Ramp | Tap | Sine
-KINDS = {
-    "ramp": (Ramp, ("rise", "fall")),
-    "tap": (Tap, ("duration", "period")),
-    "sine": (Sine, ("amplitude", "frequency")),
-}
-_OPTIONAL = {"rise": 0.0, "fall": 0.0, "period": None}
+KINDS = {"ramp": Ramp, "tap": Tap, "sine": Sine}
 
 
 def read_course(reader: Reader) -> Course:
     """The course in a mapping of a scene file."""
-    kind = reader.choice("kind", tuple(KINDS))
-    make, keys = KINDS[kind]
-    reader.only("kind", *keys)
-    values = {
-        key: reader.number(key, _OPTIONAL[key]) if key in _OPTIONAL else reader.number(key)
-        for key in keys
-    }
-    return reader.build(make, **values)
+    return reader.read(KINDS[reader.choice("kind", tuple(KINDS))], "kind")
 
 
 def course_to_dict(course: Course) -> dict:
     """The course as in a scene file."""
-    kind = next(name for name, (make, _) in KINDS.items() if isinstance(course, make))
-    return {"kind": kind, **{k: v for k, v in vars(course).items() if v is not None}}
+    kind = next(name for name, made in KINDS.items() if isinstance(course, made))
+    return {"kind": kind, **mapping_of(course)}

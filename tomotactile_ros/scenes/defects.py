@@ -5,20 +5,17 @@ Only the descriptions, and how they are read from a scene file; the simulation a
 
 import dataclasses
 from dataclasses import dataclass, field
-from typing import TypeVar
+from itertools import chain
 
 import numpy as np
 
 from tomotactile_ros.layouts.layout import OUTLINE, Layout, read_outline
 from tomotactile_ros.layouts.outline import Outline
-from tomotactile_ros.scenes import channels, sheet_field
 from tomotactile_ros.scenes.channels import Channels, read_channels
-from tomotactile_ros.scenes.sheet_field import SheetField, SheetVariation, read_sheet_field
+from tomotactile_ros.scenes.sheet_field import SheetField, SheetVariation
 from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import InputError
-from tomotactile_ros.support.yamlio import Reader
-
-T = TypeVar("T")
+from tomotactile_ros.support.yamlio import Reader, keys_of, mapping_of
 
 
 @dataclass(frozen=True)
@@ -141,67 +138,31 @@ def named_defects(defects: Defects) -> dict[str, object]:
 
 
 def _content(value):
-    if isinstance(value, np.ndarray):
-        return value
     if isinstance(value, tuple):
         return [_content(each) for each in value]
     if isinstance(value, Outline):
         return value.to_dict()
-    if not dataclasses.is_dataclass(value):
-        return value
-    return {key: each for key, each in dataclasses.asdict(value).items() if each is not None}
-
-
-def read_section(
-    reader: Reader, key: str, kind: type[T], numbers: tuple[str, ...], seed: bool = False
-) -> T | None:
-    """An object of numbers (and a seed) under a key, or None if the key is not there."""
-    if key not in reader:
-        return None
-    section = reader.section(key)
-    section.only(*numbers, *(["seed"] if seed else []))
-    values = {name: section.number(name) for name in numbers}
-    if seed:
-        values["seed"] = section.integer("seed", 0)
-    return section.build(kind, **values)
-
-
-def read_adc(reader: Reader) -> Adc | None:
-    """The converter of a scene file, or None if it names none."""
-    if "adc" not in reader:
-        return None
-    section = reader.section("adc")
-    section.only("bits", "range")
-    return section.build(Adc, section.integer("bits"), section.number("range"))
+    return mapping_of(value) if dataclasses.is_dataclass(value) else value
 
 
 def read_defects(reader: Reader) -> Defects:
     """The defects in a mapping of a scene file."""
-    own = ("dead", "swapped", "drift", "hum", "switch_resistance", "sheet_variation")
-    made = "outline", "holes", "electrode_radius"
-    reader.only(*own, *made, *sheet_field.KEYS, *channels.KEYS)
+    parts = {"sheet": SheetField, "channels": Channels}
+    reader.only(*keys_of(Defects, *parts), *chain(*map(keys_of, parts.values())))
     swapped = []
     for key, entry in reader.entries("swapped"):
         swapped.append(entry.integers(key))
         if len(swapped[-1]) != 2:
             reader.refuse(key, list(swapped[-1]), "is not a pair of electrodes")
+    outline = None
+    if "outline" in reader:
+        outline = read_outline(reader.section("outline", OUTLINE), False)
     return reader.build(
         Defects,
-        dead=reader.integers("dead", ()),
+        **reader.values(Defects, "swapped", "outline", "holes", *parts),
         swapped=tuple(swapped),
-        drift=read_section(reader, "drift", Drift, ("amplitude", "period"), seed=True),
-        hum=read_section(reader, "hum", Hum, ("amplitude", "frequency")),
-        switch_resistance=reader.number("switch_resistance", 0.0),
-        sheet_variation=read_section(
-            reader, "sheet_variation", SheetVariation, ("relative", "length"), seed=True
-        ),
-        outline=read_outline(reader.section("outline", OUTLINE), False)
-        if "outline" in reader
-        else None,
+        outline=outline,
         holes=tuple(entry.points(key) for key, entry in reader.entries("holes")),
-        electrode_radius=reader.number("electrode_radius")
-        if "electrode_radius" in reader
-        else None,
-        sheet=read_sheet_field(reader),
+        sheet=SheetField(**reader.values(SheetField)),
         channels=read_channels(reader),
     )

@@ -13,20 +13,18 @@ import numpy as np
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.layouts.region import FAR_OFF
 from tomotactile_ros.scenes.contact import Contact, read_contact
-from tomotactile_ros.scenes.contact_law import ContactLaw, read_contact_law
+from tomotactile_ros.scenes.contact_law import ContactLaw
 from tomotactile_ros.scenes.defects import (
     Adc,
     Defects,
     Noise,
     named_defects,
-    read_adc,
     read_defects,
-    read_section,
 )
 from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import InputError, doubt, printable
 from tomotactile_ros.support.files import find_config
-from tomotactile_ros.support.yamlio import Reader, write_mapping
+from tomotactile_ros.support.yamlio import Reader, keys_of, mapping_of, write_mapping
 
 FORMAT = "tomotactile-scene/1"
 MAX_CONTACTS = 1000  # over all times
@@ -116,11 +114,9 @@ class Scene:
         if self.live:
             content["live"] = True
         content["contacts"] = [contact.to_dict() for contact in self.contacts]
-        if self.contact_law is not None:
-            content["contact_law"] = self.contact_law.to_dict()
-        for key in ("noise", "adc"):
+        for key in ("contact_law", "noise", "adc"):
             if getattr(self, key) is not None:
-                content[key] = dict(vars(getattr(self, key)))
+                content[key] = mapping_of(getattr(self, key))
         defects = named_defects(self.defects)
         if defects:
             content["defects"] = defects
@@ -134,38 +130,17 @@ def load_scene(path: str | os.PathLike, content: dict | None = None) -> Scene:
     """
     path = find_config("scenes", path)
     reader = Reader.open(path, FORMAT, content=content)
-    reader.only(
-        "format",
-        "drive_voltage",
-        "layout",
-        "live",
-        "contacts",
-        "contact_law",
-        "noise",
-        "adc",
-        "defects",
-        "own_reading",
-    )
+    reader.only("format", *keys_of(Scene, "name"))
     count = len(reader.items("contacts", []))
     if count > MAX_CONTACTS:
         raise InputError(f"{reader.place}contacts: {count} are named, at most {MAX_CONTACTS} work")
     return reader.build(
         Scene,
         name=printable(Path(path).stem),
-        drive_voltage=reader.number("drive_voltage"),
+        **reader.values(Scene, "name", "contacts", "defects"),
         contacts=[read_contact(contact) for contact in reader.sections("contacts")],
-        contact_law=_read_law(reader),
-        noise=read_section(reader, "noise", Noise, ("rms",), seed=True),
-        adc=read_adc(reader),
         defects=read_defects(reader.section("defects")) if "defects" in reader else Defects(),
-        layout=reader.text("layout", None),
-        live=reader.flag("live"),
-        own_reading=reader.flag("own_reading"),
     )
-
-
-def _read_law(reader: Reader) -> ContactLaw | None:
-    return read_contact_law(reader.section("contact_law")) if "contact_law" in reader else None
 
 
 def _reaches(contact: Contact, layout: Layout) -> bool:

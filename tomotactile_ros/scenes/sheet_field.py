@@ -11,7 +11,7 @@ time.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -21,9 +21,7 @@ from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.layouts.region import Region, ring
 from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import InputError
-from tomotactile_ros.support.yamlio import Reader
 
-KEYS = ("anisotropy", "gradient", "tears", "patches", "temperature")
 INSULATING = 1e6  # sheet resistance in a tear, in parts of that of the sheet
 _WAVES = 256  # of a random field
 _MOST_RATIO = 100.0
@@ -320,53 +318,6 @@ def _gradient(gradient, layout):
 
 def _within(part, factor):
     return lambda points: np.where(part.contains(points), factor, 1.0)
-
-
-def read_sheet_field(reader: Reader) -> SheetField:
-    """The parts of a `SheetField` in the mapping of a scene's defects."""
-    return SheetField(
-        anisotropy=_read(reader, "anisotropy", Anisotropy, ("ratio",), ("direction",)),
-        gradient=_read(reader, "gradient", Gradient, ("relative",), ("direction",)),
-        tears=tuple(_read_tear(section) for section in reader.sections("tears")),
-        patches=tuple(_read_patch(section) for section in reader.sections("patches")),
-        temperature=_read(
-            reader, "temperature", Temperature, (), ("relative", "period", "rate"), None
-        ),
-    )
-
-
-def _read(
-    reader: Reader,
-    key: str,
-    kind: type,
-    needed: Sequence[str],
-    others: Sequence[str],
-    default: float | None = 0.0,
-):
-    if key not in reader:
-        return None
-    section = reader.section(key)
-    section.only(*needed, *others)
-    values = {name: section.number(name) for name in needed}
-    values |= {name: section.number(name, default) for name in others}
-    return section.build(kind, **values)
-
-
-def _read_tear(section):
-    section.only("line", "width")
-    return section.build(Tear, line=_tuples(section.points("line")), width=section.number("width"))
-
-
-def _read_patch(section):
-    section.only("factor", "center", "radius", "points")
-    points = _tuples(section.points("points")) if "points" in section else None
-    return section.build(
-        Patch,
-        factor=section.number("factor"),
-        center=section.numbers("center", 2, None),
-        radius=section.number("radius", None),
-        points=points,
-    )
 
 
 def _tuples(points):

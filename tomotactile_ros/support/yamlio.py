@@ -10,8 +10,10 @@ import math
 import os
 import re
 from collections.abc import Callable, Sequence
+from dataclasses import MISSING, asdict, fields, is_dataclass
 from pathlib import Path
-from typing import Any, NoReturn, TypeVar
+from types import NoneType, UnionType
+from typing import Any, NoReturn, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
 import yaml
@@ -273,6 +275,48 @@ class Reader:
         """The mappings in the list under a key; none if the key is not there."""
         return [self._reader(v, f"{key}[{i}]") for i, v in enumerate(self.items(key, []))]
 
+    def read(self, kind: type[T], *beside: str) -> T:
+        """A dataclass whose fields are keys of this mapping; other keys may stand ``beside``."""
+        self.only(*beside, *keys_of(kind))
+        return self.build(kind, **self.values(kind))
+
+    def values(self, kind: type, *left_out: str) -> dict[str, Any]:
+        """The fields of a dataclass, but for some, read as their types say.
+
+        They are numbers, flags, texts, lists of numbers, points, dataclasses and lists of these, or
+        one of two, the first of which is a list. What is not there keeps its default.
+        """
+        hints = get_type_hints(kind)
+        needed = {f.name for f in fields(kind) if f.default is f.default_factory is MISSING}
+        wanted = (key for key in keys_of(kind, *left_out) if key in self or key in needed)
+        return {key: self._field(key, hints[key]) for key in wanted}
+
+    def _field(self, key: str, hint: Any) -> Any:
+        kind, *other = [hint]
+        if get_origin(hint) is UnionType:
+            kind, *other = (each for each in get_args(hint) if each is not NoneType)
+        if other and not isinstance(value := self.mapping[key], list):
+            (kind,) = other
+            if _has_fields(kind) and not isinstance(value, dict):
+                names = ", ".join(keys_of(kind))
+                self.refuse(key, value, f"is neither a list of numbers nor {{{names}}}")
+        words: dict[Any, Callable[[str], Any]] = {
+            float: self.number, int: self.integer, bool: self.flag, str: self.text
+        }  # fmt: skip
+        if kind in words:
+            return words[kind](key)
+        if _has_fields(kind):
+            return self.section(key).read(kind)
+        if kind == tuple[float, float]:
+            return self.numbers(key, 2)
+        inner, *_ = get_args(kind)
+        if _has_fields(inner):
+            return tuple(section.read(inner) for section in self.sections(key))
+        if inner is float:
+            values = self.items(key, [])
+            return self._numbers(values, key, len(values))
+        return self.integers(key) if inner is int else tuple(map(tuple, self.points(key).tolist()))
+
     def build(self, make: Callable[..., T], *args: Any, **kwargs: Any) -> T:
         """``make(...)``, with this mapping's place put before the complaint of a failure."""
         with complaints_at(self.place):
@@ -322,6 +366,20 @@ class Reader:
             such = f", such as {like}" if like else ""
             self.refuse(key, value, f"is not a mapping of keys to values{such}")
         return Reader(value, f"{self.place}{key}.")
+
+
+def _has_fields(kind: Any) -> bool:
+    return is_dataclass(kind)
+
+
+def keys_of(kind: type, *left_out: str) -> list[str]:
+    """The fields with which a dataclass is made, but for some."""
+    return [each.name for each in fields(kind) if each.init and each.name not in left_out]
+
+
+def mapping_of(value: Any) -> dict[str, Any]:
+    """What `Reader.read` makes this dataclass of: its fields, those that are None left out."""
+    return asdict(value, dict_factory=lambda items: {k: v for k, v in items if v is not None})
 
 
 def plain(value: Any) -> Any:
