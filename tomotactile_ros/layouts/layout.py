@@ -305,19 +305,12 @@ OUTLINE = "{rectangle: [0.2, 0.2]}"  # for who wrote something else
 
 def read_outline(reader: Reader, unusual_size: bool) -> Outline:
     """The outline in a mapping of a layout or scene file."""
-    reader.only("rectangle", "circle", "polygon", "holes")
-    kinds = [kind for kind in ("rectangle", "circle", "polygon") if kind in reader]
-    if len(kinds) != 1:
-        found = " and ".join(kinds) or "none"
-        raise InputError(
-            f"{reader.place[:-1]}: exactly one of rectangle, circle, polygon is needed; "
-            f"found {found}"
-        )
+    kind = reader.the_one_of("rectangle", "circle", "polygon", beside=("holes",))
     holes = [entry.points(key) for key, entry in reader.entries("holes")]
-    if kinds == ["rectangle"]:
+    if kind == "rectangle":
         sides = reader.numbers("rectangle", 2)
         return reader.build(Outline.rectangle, *sides, holes=holes, unusual_size=unusual_size)
-    if kinds == ["circle"]:
+    if kind == "circle":
         radius = reader.number("circle")
         return reader.build(Outline.circle, radius, holes=holes, unusual_size=unusual_size)
     points = reader.points("polygon")
@@ -325,22 +318,15 @@ def read_outline(reader: Reader, unusual_size: bool) -> Outline:
 
 
 def _read_surface(reader: Reader, folder: Path, size: tuple[float, float]) -> Surface:
-    kinds = ("flat", "cylinder", "grid", "mesh")
-    reader.only(*kinds)
-    named = [kind for kind in kinds if kind in reader]
-    if len(named) != 1:
-        found = " and ".join(named) or "none"
-        raise InputError(
-            f"{reader.place[:-1]}: exactly one of {', '.join(kinds)} is needed; found {found}"
-        )
-    section = reader.section(named[0])
-    if named == ["cylinder"]:
+    kind = reader.the_one_of("flat", "cylinder", "grid", "mesh")
+    section = reader.section(kind)
+    if kind == "cylinder":
         section.only("radius")
         return reader.build(Cylinder, section.number("radius"))
-    if named == ["grid"]:
+    if kind == "grid":
         section.only("points")
         return reader.build(PointGrid, section.grid("points", 3), size, "grid")
-    if named == ["mesh"]:
+    if kind == "mesh":
         section.only("file", "center", "x_axis", "scale")
         return reader.build(
             Mesh.load,

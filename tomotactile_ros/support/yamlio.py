@@ -187,6 +187,17 @@ class Reader:
                     f"allowed are {', '.join(allowed)}"
                 )
 
+    def the_one_of(self, *kinds: str, beside: Sequence[str] = ()) -> str:
+        """The only one of these keys that is there; others may stand ``beside`` it."""
+        self.only(*kinds, *beside)
+        found = [kind for kind in kinds if kind in self]
+        if len(found) != 1:
+            raise InputError(
+                f"{self.place[:-1]}: exactly one of {', '.join(kinds)} is needed; found "
+                f"{' and '.join(found) or 'none'}"
+            )
+        return found[0]
+
     def number(self, key: str, default: float | None = _REQUIRED, infinite: bool = False) -> Any:
         """A finite number (or, if ``infinite``, also an infinite one), or the default."""
         value = self._value(key, default)

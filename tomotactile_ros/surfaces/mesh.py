@@ -8,7 +8,7 @@ lengths; elsewhere the sheet is stretched, and `check_stretch` refuses what no s
 
 import io
 import os
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,6 @@ import numpy as np
 from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import InputError
 from tomotactile_ros.support.files import find_shared, read_limited
-from tomotactile_ros.surfaces.base import Surface
 from tomotactile_ros.surfaces.point_grid import PointGrid
 
 MAX_BYTES = 100_000_000
@@ -28,9 +27,9 @@ _STEEP = 0.1  # of its length is the least of the x axis that has to lie along t
 _ASIDE = 1e-6  # from the centre towards the middle of its face, so that no line starts at a corner
 
 
-@dataclass(frozen=True, eq=False)
-class Mesh(Surface):
-    """A sheet on a mesh; use :meth:`load`.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Mesh(PointGrid):
+    """A sheet on a mesh, as the points that were laid down; use :meth:`load`.
 
     Parameters
     ----------
@@ -39,7 +38,6 @@ class Mesh(Surface):
         the mesh is taken.
     x_axis : (3,) where the sheet's x points there; projected onto the surface.
     scale : m per unit of the file.
-    draped : the points of the sheet.
     folder : which a path is relative to.
     """
 
@@ -47,7 +45,6 @@ class Mesh(Surface):
     center: tuple[float, float, float]
     x_axis: tuple[float, float, float]
     scale: float
-    draped: PointGrid = field(repr=False)
     folder: Path
 
     kind = "mesh"
@@ -62,20 +59,8 @@ class Mesh(Surface):
         if not (np.abs(vertices) <= checks.LONGEST).all():
             raise InputError(f"mesh.file: {file}: a corner has no finite lengths in m")
         points = _Drape(vertices, faces).lay(np.array(center), np.array(x_axis), size)
-        draped = PointGrid(points, size, "mesh")
-        return cls(file, tuple(center), tuple(x_axis), scale, draped, folder)
-
-    def check(self, size: tuple[float, float]) -> None:
-        """Refuse a sheet of another size than that which was laid down."""
-        self.draped.check(size)
-
-    def to_3d(self, points: np.ndarray) -> np.ndarray:
-        """(P, 3) positions in space, m, of (P, 2) points of the sheet."""
-        return self.draped.to_3d(points)
-
-    def jacobians(self, points: np.ndarray) -> np.ndarray:
-        """(P, 3, 2) derivatives by x and y."""
-        return self.draped.jacobians(points)
+        given = {"center": tuple(center), "x_axis": tuple(x_axis), "scale": scale, "folder": folder}
+        return cls(points, size, "mesh", file=file, **given)
 
     def to_dict(self, folder: Path) -> dict:
         """The surface as in a layout file in this folder."""
