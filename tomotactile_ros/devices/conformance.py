@@ -300,11 +300,7 @@ def impossible_rates_are_refused(trial: Trial) -> None:
 
 def unknown_commands_are_refused(trial: Trial) -> None:
     """An unknown command is answered with ERROR, unknown command (section 1)"""
-    tag = trial.probe.next_tag()
-    content = bytes([0x0E, trial.probe.version]) + tag.to_bytes(2, "little")
-    if trial.probe.version > 1:
-        content += bytes([0, 0, trial.probe.address, 0])
-    error = trial.probe.ask(content, protocol.Error)
+    error = trial.probe.ask(trial.probe.head(0x0E), protocol.Error)
     if (error.command, error.code) != (0x0E, protocol.UNKNOWN_COMMAND):
         raise Broken(f"ERROR {error.code} to command 0x{error.command:02x}")
 
@@ -312,12 +308,9 @@ def unknown_commands_are_refused(trial: Trial) -> None:
 def unknown_versions_are_refused(trial: Trial) -> None:
     """A command of an unknown version is answered with ERROR, unsupported version (section 3), but on a bus"""
     probe = trial.probe
-    tag = probe.next_tag()
-    content = bytes([protocol.STOP, 0x7F]) + tag.to_bytes(2, "little")
-    content += bytes([0, 0, probe.address, 0])
+    content = probe.head(protocol.STOP, 0x7F)
     if probe.address != protocol.NO_ADDRESS:  # where such a packet has its address nobody knows
-        probe.send(content)
-        if (answer := probe.answer(tag)) is not None:
+        if (answer := probe.answer(probe.send(content))) is not None:
             raise Broken(f"answered with {name_of(protocol.type_of(answer))} at an address")
         return
     error = probe.ask(content, protocol.Error)
@@ -327,14 +320,10 @@ def unknown_versions_are_refused(trial: Trial) -> None:
 
 def wrong_lengths_are_refused(trial: Trial) -> str:
     """A command of the wrong length is refused (bad value); in version 1 thrown away or refused"""
-    tag = trial.probe.next_tag()
-    content = bytes([protocol.SET_RATE, trial.probe.version]) + tag.to_bytes(2, "little")
-    content += bytes([0, 0, trial.probe.address, 0]) if trial.probe.version > 1 else b""
-    remark = ""
+    content, remark = trial.probe.head(protocol.SET_RATE), ""
     for wrong in (content + bytes(3), content + b"\0\0\0\x3f\0"):
         trial.probe.forget()
-        trial.probe.send(wrong)
-        answer = trial.probe.answer(tag)
+        answer = trial.probe.answer(trial.probe.send(wrong))
         if answer is None and trial.probe.version == 1:
             remark = "thrown away"
         elif not isinstance(answer, protocol.Error):
@@ -420,10 +409,8 @@ def impossible_orders_are_refused(trial: Trial) -> None:
         "an electrode that does not exist": protocol.SetScan(0, (i.electrodes,)),
         "an order that is too long": protocol.SetScan(0, (0,) * (i.max_scan + 1)),
     }
-    head = bytes([protocol.SET_SCAN, 2, 0, 0, 1, 0, probe.address, 0])
-    wrong["the tag 0"] = head + bytes(2)
-    tag = probe.next_tag().to_bytes(2, "little")
-    wrong["an order that is cut short"] = head[:2] + tag + head[4:] + bytes(1)
+    wrong["the tag 0"] = probe.head(protocol.SET_SCAN, tag=0, rows=1) + bytes(2)
+    wrong["an order that is cut short"] = probe.head(protocol.SET_SCAN, rows=1) + bytes(1)
     for what, packet in wrong.items():
         probe.forget()
         try:

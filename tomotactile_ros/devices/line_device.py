@@ -3,23 +3,15 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import closing
 
 from tomotactile_ros.devices.base import Device
 from tomotactile_ros.devices.line import Line, LineFault, open_line
 from tomotactile_ros.devices.world import Settings, World
 
-FIRST_RETRY, LAST_RETRY = 0.05, 0.5
+FIRST_RETRY, LAST_RETRY = 0.05, 0.5  # s between attempts to connect, doubled each time
 SILENCE, SILENT_FRAMES = 1.0, 3.0
-
-
-def retry_delays(first: float = FIRST_RETRY, last: float = LAST_RETRY) -> Iterator[float]:
-    """Yield the waits between attempts to connect, s: doubled each time, never above `last`."""
-    delay = first
-    while True:
-        yield delay
-        delay = min(2.0 * delay, last)
 
 
 class LineDevice(Device):
@@ -48,7 +40,7 @@ class LineDevice(Device):
         return self._world.stopped()
 
     def _run(self) -> None:
-        delays = retry_delays()
+        delay = FIRST_RETRY
         while not self._stopped():
             before = self._understood()
             try:
@@ -59,9 +51,10 @@ class LineDevice(Device):
             except LineFault as fault:
                 self._report(fault)
             if self._understood() > before:
-                delays = retry_delays()
+                delay = FIRST_RETRY
             if not self._stopped():
-                self._world.wait(next(delays))
+                self._world.wait(delay)
+                delay = min(2.0 * delay, LAST_RETRY)
 
     def _report(self, fault: LineFault) -> None:
         self._set_state(fault.state, str(fault))

@@ -114,6 +114,15 @@ class Probe:
         self._line.write(protocol.encode(packet))
         return tag
 
+    def head(
+        self, kind: int, version: int | None = None, tag: int | None = None, rows: int = 0
+    ) -> bytes:
+        """How a command begins, by default in the probe's version and with a new tag; `rows` of SET_SCAN."""
+        version = self.version if version is None else version
+        tag = self.next_tag() if tag is None else tag
+        start = bytes([kind, version]) + tag.to_bytes(2, "little")
+        return start + (bytes([rows, 0, self.address, 0]) if version > 1 else b"")
+
     def write(self, data: bytes) -> None:
         """Send bytes as they are."""
         self._line.write(data)
