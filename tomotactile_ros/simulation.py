@@ -76,7 +76,9 @@ class Simulator:
         scene.check(layout)
         self.layout, self.scene = layout, scene
         self.row_period = checks.not_negative(row_period, "row_period", "time in s")
-        self.grounded = layout.grounded if order is None else _scan_order(order, layout)
+        self.grounded = (
+            layout.grounded if order is None else checks.order(order, "order", layout.electrodes)
+        )
         longest = max(layout.outline.size)
         self.sheet = self._make_sheet(model, h or longest / _ELEMENTS)
         self._step = longest / _PATCHES
@@ -154,7 +156,7 @@ class Simulator:
         before : the electrode that was grounded one row period earlier, for scenes whose channels
             do not settle; the one in front of `electrode` in the scan without it
         """
-        grounded = _scan_order([electrode], self.layout)
+        grounded = checks.order([electrode], "order", self.layout.electrodes)
         if before is None:
             place = np.flatnonzero(self.grounded == electrode)
             before = self.grounded[place[0] - 1] if len(place) else electrode
@@ -321,11 +323,6 @@ def patches_across(contact: Contact, longest: float) -> int:
     """Patches to the width of a contact on a sheet whose longer side is `longest` (m)."""
     count = math.ceil(contact.width / longest * _PATCHES - _TINY)
     return min(max(count, _ACROSS[0]), _ACROSS[1])
-
-
-def _scan_order(order, layout: Layout) -> np.ndarray:
-    """(L,) electrodes that are grounded in turn."""
-    return checks.order(order, "order", layout.electrodes)
 
 
 def convert(voltages: np.ndarray, bits: int, full_scale: float) -> np.ndarray:

@@ -88,7 +88,7 @@ def save_sensor(
         "anisotropy_deviation": _round(spread[turned]),
         "places": _round(field.centres),
         "logarithm": _round(field.modes @ known[uneven], 5),
-        "logarithm_deviation": _round(_field_deviation(field.modes, state), 5),
+        "logarithm_deviation": _round(state.std_across(field.modes), 5),
         "coefficients": _round(known[uneven]),
         "coefficients_deviation": _round(spread[uneven]),
         "modes": _pack(field.modes),
@@ -264,11 +264,6 @@ def _in_modes(operator, places, values, mean, covariance, expected, counts) -> S
         SensorState(own + 2 + COUNT, whole @ mean, (covariance + covariance.T) / 2, expected),
         **counts,
     )
-
-
-def _field_deviation(modes, state):
-    count = modes.shape[1]
-    return np.sqrt(np.einsum("cj,jk,ck->c", modes, state.covariance[:count, :count], modes))
 
 
 def _round(values, digits=_DIGITS):

@@ -60,10 +60,8 @@ def field(state: SensorState, operator: SheetOperator) -> tuple[np.ndarray, np.n
     """
     modes = operator.field.modes
     count = modes.shape[1]
-    covariance = state.covariance[:count, :count]
-    shown = np.sqrt(np.einsum("cj,jk,ck->c", modes, covariance, modes))
     left = unevenness(state, operator) * operator.field.left
-    return modes @ state.mean[:count], np.hypot(shown, left)
+    return modes @ state.mean[:count], np.hypot(state.std_across(modes), left)
 
 
 def resistance(state: SensorState) -> np.ndarray:

@@ -45,8 +45,7 @@ def _maps(figure, above, below, layout, learned):
     values = 100 * np.expm1(at @ state.mean[sheet])
     field = learned.operator.field
     left = findings.unevenness(state, learned.operator) * field.left[field.cell_of(grid.pixels)]
-    shown = np.sqrt(np.einsum("kj,ji,ki->k", at, state.covariance[sheet, sheet], at))
-    spread = 100 * np.hypot(shown, left)
+    spread = 100 * np.hypot(state.std_across(at), left)
     most = max(5.0, np.abs(values).max())
     ratio, direction, uncertain = findings.anisotropy(state, learned.operator)
     way = (

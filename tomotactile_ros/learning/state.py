@@ -100,6 +100,11 @@ class SensorState:
         """Standard deviations of a part."""
         return self.deviation[self.slice(part)]
 
+    def std_across(self, at: np.ndarray) -> np.ndarray:
+        """(n,) standard deviations of what the first F coefficients of the sheet make at `at` (n, F)."""
+        count = at.shape[1]
+        return np.sqrt(np.einsum("nj,jk,nk->n", at, self.covariance[:count, :count], at))
+
     def std_of_differences(self, part: str) -> np.ndarray:
         """Standard deviations of a part against its own mean: what is known of it but for what is
         common to all."""

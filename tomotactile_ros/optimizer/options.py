@@ -8,7 +8,7 @@ an empty text or an empty list.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from tomotactile_ros.evaluation.places import CONTACT_RADIUS
@@ -360,26 +360,18 @@ def request_of(layout: Layout, method: str, values: Mapping[str, Any]) -> Reques
     if layout.scan:
         doubt("layout: its scan is left out, it was chosen for where the electrodes are")
         layout = replace(layout, scan=())
+    given = {each.name: values[each.name] for each in fields(Request) if each.name in values}
     return Request(
-        layout,
-        method_of(method),
-        select=values["select"],
-        model=values["model"],
-        steps=values["steps"],
-        regularization=values["regularization"],
-        spacing=values["spacing"],
-        margin=values["margin"],
-        keep_out=tuple(map(tuple, values["keep_out"] or ())),
-        symmetric=not values["asymmetric"],
-        aims=_aims(values["aims"], values["scenes"]),
-        starts=values["starts"],
-        seed=values["seed"],
-        resolution=values["resolution"],
-        fixed=tuple(dict.fromkeys(each for group in values["fixed"] or () for each in group)),
-        radius_range=values["radius_range"] and tuple(values["radius_range"]),
-        noise=values["noise"],
-        contact_radius=values["contact_radius"],
-        apart=values["apart"],
+        **given
+        | {
+            "layout": layout,
+            "method": method_of(method),
+            "keep_out": tuple(map(tuple, values["keep_out"] or ())),
+            "symmetric": not values["asymmetric"],
+            "aims": _aims(values["aims"], values["scenes"]),
+            "fixed": tuple(dict.fromkeys(n for group in values["fixed"] or () for n in group)),
+            "radius_range": values["radius_range"] and tuple(values["radius_range"]),
+        }
     )
 
 
