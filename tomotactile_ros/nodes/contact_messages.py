@@ -1,7 +1,6 @@
 """Between contacts and their messages: places on the flat sheet here, positions in space there."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import Point, Point32, Vector3, Wrench, WrenchStamped
@@ -10,6 +9,7 @@ from std_msgs.msg import Header
 from tomotactile_ros.layouts.grid import Grid
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.msg import Contact, ContactArray, SensorLayout
+from tomotactile_ros.nodes.conversions import vector, vectors
 from tomotactile_ros.reconstruction import ContactEstimate
 from tomotactile_ros.scenes.touches import Touch
 from tomotactile_ros.spatial import SpatialContacts
@@ -43,7 +43,7 @@ def withheld_message(
 def _contact(contact: ContactEstimate, placed: SpatialContacts, number: int) -> Contact:
     position, frame = placed.positions[number], placed.frames[number]
     return Contact(
-        position=_vector(Point, position),
+        position=vector(Point, position),
         force=float(contact.force),
         pressure=float(contact.pressure),
         area=float(contact.area),
@@ -53,9 +53,9 @@ def _contact(contact: ContactEstimate, placed: SpatialContacts, number: int) -> 
         probability=float(contact.probability),
         id=int(contact.id),
         age=float(contact.age),
-        velocity=_vector(Vector3, placed.velocities[number]),
-        normal=_vector(Vector3, frame[:, 2]),
-        tangent=_vector(Vector3, frame[:, 0]),
+        velocity=vector(Vector3, placed.velocities[number]),
+        normal=vector(Vector3, frame[:, 2]),
+        tangent=vector(Vector3, frame[:, 0]),
     )
 
 
@@ -91,23 +91,21 @@ def message_to_touches(message: ContactArray, layout: Layout) -> list[Touch]:
 def message_to_spatial(message: ContactArray) -> SpatialContacts:
     """Where the contacts of a message are in space, in its order."""
     contacts = message.contacts
-    normals, tangents = _rows([c.normal for c in contacts]), _rows([c.tangent for c in contacts])
+    normals, tangents = (
+        vectors([c.normal for c in contacts]),
+        vectors([c.tangent for c in contacts]),
+    )
     return SpatialContacts(
-        _rows([c.position for c in contacts]),
+        vectors([c.position for c in contacts]),
         np.stack([tangents, np.cross(normals, tangents), normals], axis=-1),
-        _rows([c.velocity for c in contacts]),
+        vectors([c.velocity for c in contacts]),
         np.array([c.position_covariance for c in contacts]).reshape(-1, 2, 2),
         np.array([c.force for c in contacts], float),
     )
 
 
-def _rows(vectors: Sequence) -> np.ndarray:
-    """(N, 3)."""
-    return np.array([(v.x, v.y, v.z) for v in vectors], float).reshape(-1, 3)
-
-
 def _on_sheet(message: ContactArray, layout: Layout | None) -> np.ndarray:
-    positions = _rows([c.position for c in message.contacts])
+    positions = vectors([c.position for c in message.contacts])
     if layout is None:
         return positions[:, :2]
     return layout.surface.nearest(positions, layout.outline.size)
@@ -115,7 +113,7 @@ def _on_sheet(message: ContactArray, layout: Layout | None) -> np.ndarray:
 
 def wrench_to_message(force: np.ndarray, torque: np.ndarray, header: Header) -> WrenchStamped:
     """Force (3,), N, and torque (3,), N m."""
-    wrench = Wrench(force=_vector(Vector3, force), torque=_vector(Vector3, torque))
+    wrench = Wrench(force=vector(Vector3, force), torque=vector(Vector3, torque))
     return WrenchStamped(header=header, wrench=wrench)
 
 
@@ -133,12 +131,7 @@ def layout_to_message(layout: Layout, grid: Grid, header: Header) -> SensorLayou
         cell_height=height,
         first_x=float(x),
         first_y=float(y),
-        cells=[_vector(Point32, place) for place in layout.surface.to_3d(grid.centres)],
-        electrodes=[_vector(Point32, place) for place in layout.surface.to_3d(layout.positions)],
+        cells=[vector(Point32, place) for place in layout.surface.to_3d(grid.centres)],
+        electrodes=[vector(Point32, place) for place in layout.surface.to_3d(layout.positions)],
         electrode_radius=float(layout.radius),
     )
-
-
-def _vector(kind: type, values: np.ndarray) -> Any:
-    x, y, z = values.tolist()
-    return kind(x=x, y=y, z=z)

@@ -7,6 +7,8 @@ be checked element by element. Images have row 0 at the +y edge, as everywhere i
 import math
 import sys
 from array import array
+from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -40,6 +42,17 @@ def later(header: Header, seconds: float) -> Header:
 def stamp_of(header: Header) -> float:
     """Stamp of a header in seconds."""
     return header.stamp.sec + header.stamp.nanosec / _NANO
+
+
+def vector(kind: type, values: Iterable[float]) -> Any:
+    """(3,) numbers as a message of a `kind` with x, y and z."""
+    x, y, z = map(float, values)
+    return kind(x=x, y=y, z=z)
+
+
+def vectors(messages: Iterable[Any]) -> np.ndarray:
+    """(N, 3) x, y and z of messages."""
+    return np.array([(each.x, each.y, each.z) for each in messages], float).reshape(-1, 3)
 
 
 def frame_to_message(frame: Frame, layout_id: str, header: Header) -> VoltageFrame:

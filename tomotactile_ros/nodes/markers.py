@@ -16,7 +16,7 @@ from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from tomotactile_ros.layouts.layout import Layout
-from tomotactile_ros.nodes.conversions import stamp_of
+from tomotactile_ros.nodes.conversions import stamp_of, vector
 from tomotactile_ros.spatial import SpatialContacts
 from tomotactile_ros.view.trails import METRES_PER_NEWTON, Trails
 
@@ -96,7 +96,7 @@ def layout_markers(layout: Layout, header: Header) -> MarkerArray:
         line = _marker(header, "outline", k, Marker.LINE_STRIP, _GREY)
         line.scale.x = _FLAT
         places = layout.surface.to_3d(_dense(np.vstack([ring, ring[:1]])))
-        line.points = [_point(p) for p in places]
+        line.points = [vector(Point, p) for p in places]
         markers.append(line)
     places = layout.surface.to_3d(layout.positions)
     normals = layout.surface.normals(layout.positions)
@@ -126,7 +126,7 @@ def _arrow(
 ) -> Marker:
     arrow = _marker(header, "force", number, Marker.ARROW, _ORANGE)
     tail = position + METRES_PER_NEWTON * force * normal
-    arrow.points = [_point(tail), _point(position)]
+    arrow.points = [vector(Point, tail), vector(Point, position)]
     arrow.scale, arrow.lifetime = _ARROW, _LIFETIME
     return arrow
 
@@ -135,7 +135,7 @@ def _disc(
     header: Header, number: int, position: np.ndarray, normal: np.ndarray, radius: float
 ) -> Marker:
     disc = _marker(header, "contact", number, Marker.CYLINDER, _GLASS)
-    disc.pose.position = _point(position)
+    disc.pose.position = vector(Point, position)
     disc.pose.orientation = _turn_to(normal)
     disc.scale = Vector3(x=2 * radius, y=2 * radius, z=_FLAT)
     disc.lifetime = _LIFETIME
@@ -146,7 +146,7 @@ def _text(
     header: Header, space: str, number: int, position: np.ndarray, words: str, color: ColorRGBA
 ) -> Marker:
     text = _marker(header, space, number, Marker.TEXT_VIEW_FACING, color)
-    text.pose.position = _point(position)
+    text.pose.position = vector(Point, position)
     text.scale.z = _LETTER
     text.text = words
     return text
@@ -154,7 +154,7 @@ def _text(
 
 def _trail(header: Header, number: int, places: np.ndarray) -> Marker:
     trail = _marker(header, "trail", number % _IDS, Marker.LINE_STRIP, _GLASS)
-    trail.points = [_point(place) for place in places]
+    trail.points = [vector(Point, place) for place in places]
     trail.scale.x, trail.lifetime = _FLAT, _LIFETIME
     return trail
 
@@ -167,8 +167,3 @@ def _turn_to(normal: np.ndarray) -> Quaternion:
     if length < 1e-6:
         return Quaternion(y=1.0, w=0.0)
     return Quaternion(x=turn[0] / length, y=turn[1] / length, z=0.0, w=turn[3] / length)
-
-
-def _point(position: np.ndarray) -> Point:
-    x, y, z = position
-    return Point(x=float(x), y=float(y), z=float(z))

@@ -20,7 +20,7 @@ from tomotactile_ros.msg import Contact, ContactArray
 from tomotactile_ros.nodes import diagnostics
 from tomotactile_ros.nodes.conditions import Conditions
 from tomotactile_ros.nodes.contact_messages import wrench_to_message
-from tomotactile_ros.nodes.conversions import stamp_of
+from tomotactile_ros.nodes.conversions import stamp_of, vector, vectors
 from tomotactile_ros.nodes.diagnostics import Diagnostics, Report
 from tomotactile_ros.nodes.namespaces import full_namespaces
 from tomotactile_ros.nodes.node_time import PassingTime, is_timeless, seconds_now
@@ -141,8 +141,8 @@ class SkinPart(Part):
             check_contacts(message.contacts)
             member.contacts = moved(message.contacts, self._locate(message.header))
             member.force, member.torque = wrench_of(
-                np.array([_array(c.position) for c in member.contacts]),
-                np.array([_array(c.normal) for c in member.contacts]),
+                vectors(c.position for c in member.contacts),
+                vectors(c.normal for c in member.contacts),
                 np.array([c.force for c in member.contacts]),
             )
         except InputError as error:
@@ -183,15 +183,15 @@ class SkinPart(Part):
 def check_contacts(contacts: list[Contact]) -> None:
     """Refuse contacts that are nowhere, pull, or press with no finite force in no direction."""
     for c in contacts:
-        values = (*_array(c.position), *_array(c.normal), *_array(c.tangent), c.force)
-        if not np.isfinite(values).all():
+        position, normal, tangent = vectors((c.position, c.normal, c.tangent))
+        if not np.isfinite([*position, *normal, *tangent, c.force]).all():
             raise InputError("a contact has a place, a direction or a force that is not finite")
-        if not (0.0 <= c.force <= _STRONGEST and np.abs(_array(c.position)).max() <= LONGEST):
+        if not (0.0 <= c.force <= _STRONGEST and np.abs(position).max() <= LONGEST):
             raise InputError(
-                f"a contact of {c.force:g} N at {_array(c.position).tolist()} m cannot be: 0 to {_STRONGEST:g} N "
+                f"a contact of {c.force:g} N at {position.tolist()} m cannot be: 0 to {_STRONGEST:g} N "
                 f"within {LONGEST:g} m are taken"
             )
-        if not abs(math.hypot(*_array(c.normal)) - 1.0) <= _UNIT:
+        if not abs(math.hypot(*normal) - 1.0) <= _UNIT:
             raise InputError("the normal of a contact is no direction: its length is not 1")
 
 
@@ -199,17 +199,17 @@ def moved(contacts: list[Contact], pose: Pose) -> list[Contact]:
     """The same contacts in another frame; what lies along the surface stays as it is."""
     if not contacts:
         return []
-    positions = pose.positions(np.array([_array(c.position) for c in contacts]))
+    positions = pose.positions(vectors(c.position for c in contacts))
     turned = {
-        key: pose.directions(np.array([_array(getattr(c, key)) for c in contacts]))
+        key: pose.directions(vectors(getattr(c, key) for c in contacts))
         for key in ("velocity", "normal", "tangent")
     }
     result = []
     for i, contact in enumerate(contacts):
         other = copy(contact)
-        other.position = Point(**dict(zip("xyz", positions[i].tolist(), strict=True)))
-        for key, vectors in turned.items():
-            setattr(other, key, Vector3(**dict(zip("xyz", vectors[i].tolist(), strict=True))))
+        other.position = vector(Point, positions[i])
+        for key, directions in turned.items():
+            setattr(other, key, vector(Vector3, directions[i]))
         result.append(other)
     return result
 
@@ -224,10 +224,6 @@ def numbered(contact: Contact, number: int) -> Contact:
 
 def _reason(problems: dict[str, str]) -> str:
     return "; ".join(f"{name}: {problem}" for name, problem in problems.items())
-
-
-def _array(vector: Point | Vector3) -> np.ndarray:
-    return np.array([vector.x, vector.y, vector.z])
 
 
 def main(args: list[str] | None = None) -> int:

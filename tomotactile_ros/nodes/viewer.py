@@ -18,7 +18,7 @@ from sensor_msgs.msg import Image
 
 from tomotactile_ros.msg import ContactArray, SensorLayout
 from tomotactile_ros.nodes.contact_messages import message_to_contacts, message_to_spatial
-from tomotactile_ros.nodes.conversions import message_to_image, stamp_of
+from tomotactile_ros.nodes.conversions import message_to_image, stamp_of, vectors
 from tomotactile_ros.nodes.listener import RECONSTRUCTION
 from tomotactile_ros.nodes.namespaces import full_namespaces
 from tomotactile_ros.nodes.node_time import seconds_now
@@ -129,8 +129,8 @@ class _Sensor:
 
     def _show_sheet(self, layout: SensorLayout, inside: np.ndarray) -> None:
         """The sheet with those cells of the image that are on it."""
-        cells = np.array([(p.x, p.y, p.z) for p in layout.cells]).reshape(*inside.shape, 3)
-        electrodes = np.array([(p.x, p.y, p.z) for p in layout.electrodes]).reshape(-1, 3)
+        cells = vectors(layout.cells).reshape(*inside.shape, 3)
+        electrodes = vectors(layout.electrodes)
         size = layout.cell_width, layout.cell_height
         shape = cells, size, inside, electrodes, layout.electrode_radius
         self._sheet = self._page.add_sheet(self._namespace, *shape, None, self._number)
