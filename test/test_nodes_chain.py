@@ -138,7 +138,7 @@ STOPS = """
 import signal, sys
 from tomotactile_ros.nodes.running import run
 
-def make_nodes():
+def make_nodes(make):
     try:
         signal.raise_signal(signal.SIGINT)
     except KeyboardInterrupt:  # as where an object is deleted: it goes no further

@@ -104,10 +104,14 @@ def test_a_mistake_ends_with_one_line_and_status_2(command, reason, call_main):
 def test_help_names_every_parameter(name, call_main, capfd, monkeypatch):
     monkeypatch.setattr(rclpy, "init", lambda *_, **__: pytest.fail("help starts no ROS"))
     monkeypatch.setattr("sys.argv", [name])
-    assert import_module(f"tomotactile_ros.nodes.{name}").main(["--help"]) == 0
+    module, managed = (
+        name.removesuffix("_lifecycle"),
+        {"managed": True} if name in LIFECYCLE else {},
+    )
+    assert import_module(f"tomotactile_ros.nodes.{module}").main(["--help"], **managed) == 0
     said = capfd.readouterr().out
     assert said.startswith(f"usage: {name} [NAME:=VALUE")
-    for node in CONFIGURED[name.removesuffix("_lifecycle")]:
+    for node in CONFIGURED[module]:
         file = Path(get_package_share_directory("tomotactile_ros"), "config", f"{node}.yaml")
         (settings,) = yaml.safe_load(file.read_text()).values()
         assert f"\nparameters of {node}" in said

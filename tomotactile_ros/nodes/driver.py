@@ -31,7 +31,7 @@ from tomotactile_ros.nodes.node_time import (
     troubles_of_time,
 )
 from tomotactile_ros.nodes.parameters import HARDWARE_ID, PATH_CHANGES, Spec
-from tomotactile_ros.nodes.running import Part, PlainNode, run
+from tomotactile_ros.nodes.running import Part, run
 from tomotactile_ros.nodes.scan_order import ScanOrder
 from tomotactile_ros.nodes.topics import publisher
 from tomotactile_ros.nodes.touches import TouchListener
@@ -309,6 +309,7 @@ class SimulatedTime:
         return self._stamp
 
 
-def main(args: list[str] | None = None) -> int:
+def main(args: list[str] | None = None, managed: bool = False) -> int:
     """Run the node."""
-    return run(lambda: [PlainNode(Driver)], args, __doc__, {Driver.name: SPECS})
+    specs = {Driver.name: SPECS}
+    return run(lambda make: [make(Driver)], args, __doc__, specs, managed=managed)

@@ -17,7 +17,7 @@ from tomotactile_ros.nodes import diagnostics
 from tomotactile_ros.nodes.conversions import image_to_message
 from tomotactile_ros.nodes.diagnostics import Diagnostics, Report
 from tomotactile_ros.nodes.parameters import Spec
-from tomotactile_ros.nodes.running import BAD_INPUT, Part, PlainNode, run
+from tomotactile_ros.nodes.running import BAD_INPUT, Making, Part, PlainNode, run
 from tomotactile_ros.nodes.topics import publisher
 from tomotactile_ros.optimizer.jobs import Job, Stage, job_of
 from tomotactile_ros.optimizer.options import EXPLORE, OPTIONS, Option
@@ -153,7 +153,7 @@ def main(args: list[str] | None = None) -> int:
     """Run the node."""
     nodes: list[PlainNode[Optimizer]] = []
 
-    def make_nodes() -> list[PlainNode[Optimizer]]:
+    def make_nodes(_: Making) -> list[PlainNode[Optimizer]]:
         nodes.append(PlainNode(Optimizer))
         return nodes
 

@@ -32,7 +32,7 @@ from tomotactile_ros.nodes.reconstruction_parameters import (
     settings_of,
 )
 from tomotactile_ros.nodes.row_contacts import Rows
-from tomotactile_ros.nodes.running import Part, PlainNode, run
+from tomotactile_ros.nodes.running import Part, run
 from tomotactile_ros.nodes.stopping import unless_stopped
 from tomotactile_ros.nodes.tare import Taring
 from tomotactile_ros.nodes.turns import FairLock
@@ -344,7 +344,8 @@ def _check(layout: Layout, frame: Frame, layout_id: str) -> None:
     check_frame(frame, layout)
 
 
-def main(args: list[str] | None = None) -> int:
+def main(args: list[str] | None = None, managed: bool = False) -> int:
     """Run the node."""
     sys.setswitchinterval(PATIENCE)
-    return run(lambda: [PlainNode(Reconstruction)], args, __doc__, {Reconstruction.name: SPECS})
+    specs = {Reconstruction.name: SPECS}
+    return run(lambda make: [make(Reconstruction)], args, __doc__, specs, managed=managed)

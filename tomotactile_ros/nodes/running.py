@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from inspect import CORO_CREATED, getcoroutinestate, iscoroutine
 from itertools import chain
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 from weakref import WeakSet
 
 import rclpy
@@ -187,6 +187,12 @@ class ManagedNode(LifecycleNode, Generic[P]):
         return TransitionCallbackReturn.SUCCESS
 
 
+class Making(Protocol):
+    """Makes a node of what it does."""
+
+    def __call__(self, kind: type[P]) -> PlainNode[P] | ManagedNode[P]: ...
+
+
 class _Executor(MultiThreadedExecutor):
     """Gives each callback out once.
 
@@ -215,23 +221,25 @@ def _has_not_begun(task: Task) -> bool:
 
 
 def run(
-    make_nodes: Callable[[], Iterable[Node]],
+    make_nodes: Callable[[Making], Iterable[Node]],
     args: list[str] | None,
     about: str,
     specs: Mapping[str, Sequence[Spec]],
     threads: bool = True,
     also: Iterable[Spec] = (),
+    managed: bool = False,
 ) -> int:
     """Run nodes until they are asked to stop (Ctrl-C, SIGTERM, shutdown).
 
     Parameters
     ----------
-    make_nodes : makes the nodes, one by one, once ROS is there.
+    make_nodes : makes the nodes, one by one, once ROS is there, each by what it is given for that.
     args : command line; None for this process's own.
     about, specs : for `--help`: what the program is, and the parameters of its nodes.
     threads : whether several things are done at a time. Without, a message awakes the executor once
         and not three times, which is a third of the work of a node that does little else.
     also : parameters of nodes that are not known before the first is there.
+    managed : whether they are managed nodes: configure, activate, deactivate, cleanup by services.
 
     Returns
     -------
@@ -239,6 +247,10 @@ def run(
     """
     nodes: list[Node] = []
     interrupt, started = _Interrupt(), False
+    make: Making = ManagedNode if managed else PlainNode
+    if managed:
+        about = f"{about.strip()}\n\nManaged: configure, activate, deactivate, cleanup by services."
+        specs = {name: (AUTOSTART, *found) for name, found in specs.items()}
     given = sys.argv[1:] if args is None else args
     words = ros_words(given)
     say_doubts(_program())
@@ -255,7 +267,7 @@ def run(
         if signal.getsignal(signal.SIGHUP) == signal.SIG_DFL:
             signal.signal(signal.SIGHUP, lambda *_: os.kill(os.getpid(), signal.SIGTERM))
         executor = _Executor(_THREADS) if threads else SingleThreadedExecutor()
-        for node in make_nodes():
+        for node in make_nodes(make):
             nodes.append(node)
             executor.add_node(node)
             warn_of_keys(node, files)

@@ -15,7 +15,7 @@ from rclpy.node import Node
 
 from tomotactile_ros.nodes.namespaces import full_namespaces
 from tomotactile_ros.nodes.parameters import Spec
-from tomotactile_ros.nodes.running import Part, PlainNode, run
+from tomotactile_ros.nodes.running import Making, Part, PlainNode, run
 from tomotactile_ros.nodes.tactile import PARAMETERS, PATIENCE, make_nodes
 
 SPECS = (
@@ -37,7 +37,7 @@ class Sensors(Part):
         return full_namespaces(self._node, self.parameters["sensors"])
 
 
-def make_all() -> Iterator[Node]:
+def make_all(_: Making) -> Iterator[Node]:
     """The list, then both nodes of each sensor."""
     sensors = PlainNode(Sensors)
     yield sensors

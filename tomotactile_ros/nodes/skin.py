@@ -26,7 +26,7 @@ from tomotactile_ros.nodes.namespaces import full_namespaces
 from tomotactile_ros.nodes.node_time import PassingTime, is_timeless, seconds_now
 from tomotactile_ros.nodes.parameters import Spec
 from tomotactile_ros.nodes.poses import Locate, make_locator
-from tomotactile_ros.nodes.running import Part, PlainNode, run
+from tomotactile_ros.nodes.running import Part, run
 from tomotactile_ros.nodes.stopping import unless_stopped
 from tomotactile_ros.nodes.topics import publisher, subscription
 from tomotactile_ros.skin import Skin
@@ -228,4 +228,4 @@ def _reason(problems: dict[str, str]) -> str:
 
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
-    return run(lambda: [PlainNode(SkinPart)], args, __doc__, {SkinPart.name: SPECS})
+    return run(lambda make: [make(SkinPart)], args, __doc__, {SkinPart.name: SPECS})

@@ -11,7 +11,6 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from queue import Empty, SimpleQueue
-from typing import Protocol
 
 from rclpy.node import Node
 from std_msgs.msg import Header
@@ -22,7 +21,7 @@ from tomotactile_ros.nodes.driver import Driver
 from tomotactile_ros.nodes.reconstruction import PATIENCE, Reconstruction
 from tomotactile_ros.nodes.reconstruction_parameters import SPECS as RECONSTRUCTION_SPECS
 from tomotactile_ros.nodes.row_watch import fall_behind
-from tomotactile_ros.nodes.running import ManagedNode, P, PlainNode, run
+from tomotactile_ros.nodes.running import Making, run
 from tomotactile_ros.nodes.turns import Turns
 
 # of all sensors in this process; waiting for those of eight small sheets takes no longer
@@ -114,13 +113,7 @@ class DirectReconstruction(Reconstruction):
                 self._log.error(f"{type(error).__name__}: {error}", throttle_duration_sec=5.0)
 
 
-class Making(Protocol):
-    """Makes a node of what it does."""
-
-    def __call__(self, kind: type[P]) -> PlainNode[P] | ManagedNode[P]: ...
-
-
-def make_nodes(make: Making = PlainNode) -> Iterator[Node]:
+def make_nodes(make: Making) -> Iterator[Node]:
     """Both nodes of one sensor, connected; `make` makes each of what it does."""
     reconstruction = make(DirectReconstruction)
     yield reconstruction
@@ -130,7 +123,7 @@ def make_nodes(make: Making = PlainNode) -> Iterator[Node]:
     yield driver
 
 
-def main(args: list[str] | None = None) -> int:
+def main(args: list[str] | None = None, managed: bool = False) -> int:
     """Run both nodes."""
     sys.setswitchinterval(PATIENCE)
-    return run(make_nodes, args, __doc__, PARAMETERS)
+    return run(make_nodes, args, __doc__, PARAMETERS, managed=managed)

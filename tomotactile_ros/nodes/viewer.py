@@ -24,7 +24,7 @@ from tomotactile_ros.nodes.namespaces import full_namespaces
 from tomotactile_ros.nodes.node_time import seconds_now
 from tomotactile_ros.nodes.parameters import Spec
 from tomotactile_ros.nodes.poses import Locate, make_locator
-from tomotactile_ros.nodes.running import Part, PlainNode, run
+from tomotactile_ros.nodes.running import Part, run
 from tomotactile_ros.nodes.topics import subscription
 from tomotactile_ros.spatial import Pose
 from tomotactile_ros.support.errors import InputError, printable
@@ -172,4 +172,4 @@ class _Sensor:
 
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
-    return run(lambda: [PlainNode(Viewer)], args, __doc__, {Viewer.name: SPECS}, threads=False)
+    return run(lambda make: [make(Viewer)], args, __doc__, {Viewer.name: SPECS}, threads=False)
