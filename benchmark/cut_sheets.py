@@ -20,6 +20,7 @@ from tomotactile_ros.bench.trials import DRIVE, NOISE, make_pipeline
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.learning.recorded import learn
+from tomotactile_ros.scenes.sheet_field import Tear
 
 SLIT = 0.0005  # m, how wide a tear gapes
 
@@ -32,13 +33,8 @@ def grid(side, count=8, half=0.1, radius=None, holes=()):
     return Layout(f"grid-{count}", outline, 1e4, radius or 0.02 / count, places)
 
 
-def slit(x0, y0, x1, y1):
-    along = np.array([x1 - x0, y1 - y0])
-    across = SLIT / 2 * np.array([-along[1], along[0]]) / np.hypot(*along)
-    start, end = np.array([x0, y0]), np.array([x1, y1])
-    return [start - across, end - across, end + across, start + across]
-
-
+ALONG = Tear(((-0.045, 0.027), (0.045, 0.027)), SLIT).corners
+INWARDS = Tear(((0.0, -0.099), (0.0, -0.039)), SLIT).corners
 HOLE = [(0.016, 0.006), (0.026, 0.006), (0.026, 0.022), (0.016, 0.022)]
 CASES = {  # layout, and what was made of it
     "as drawn": (grid(0.2), grid(0.2)),
@@ -46,8 +42,8 @@ CASES = {  # layout, and what was made of it
     "220 mm": (grid(0.2), grid(0.22)),
     "180 on 210 mm": (grid(0.2, half=0.09), grid(0.21, half=0.09)),
     "radius 3.5 mm": (grid(0.2), grid(0.2, radius=0.0035)),
-    "tear of 90 mm": (grid(0.2), grid(0.2, holes=[slit(-0.045, 0.027, 0.045, 0.027)])),
-    "tear of 60 mm": (grid(0.2), grid(0.2, holes=[slit(0.0, -0.099, 0.0, -0.039)])),
+    "tear of 90 mm": (grid(0.2), grid(0.2, holes=[ALONG])),
+    "tear of 60 mm": (grid(0.2), grid(0.2, holes=[INWARDS])),
     "hole of 10 x 16 mm": (grid(0.2), grid(0.2, holes=[HOLE])),
     "4 x 4, 204 mm": (grid(0.2, 4), grid(0.204, 4)),
     "4 x 4, radius 6 mm": (grid(0.2, 4), grid(0.2, 4, radius=0.006)),

@@ -15,17 +15,16 @@ reported or not, nor is one missed that presses with less than 0.1 N; forces of 
 
 from __future__ import annotations
 
-import time
-from collections.abc import Iterator
+from time import process_time
 
 import numpy as np
 
 from tomotactile_ros.bench import tables
 from tomotactile_ros.bench.program import options
-from tomotactile_ros.bench.trials import DRIVE, make_pipeline, make_scene
+from tomotactile_ros.bench.trials import make_pipeline, make_scene
+from tomotactile_ros.commands.reconstruct import every_frame, every_row
 from tomotactile_ros.evaluation import scoring
 from tomotactile_ros.layouts.layout import Layout, load_layout
-from tomotactile_ros.reconstruction import Pipeline
 from tomotactile_ros.scenes.contact import Contact
 from tomotactile_ros.scenes.course import Tap
 from tomotactile_ros.scenes.scene import Scene
@@ -79,24 +78,6 @@ def _is_in(contact: dict, others: list[dict]) -> bool:
     return min(apart, default=np.inf) < scoring.REACH
 
 
-def _by_frames(pipeline: Pipeline, frames, grounded) -> Iterator[tuple]:
-    """Results, the times that they hold for, s, and what they took, s."""
-    for begun, frame in frames:
-        start = time.process_time()
-        result = pipeline.process(frame, grounded, DRIVE, ROW_PERIOD, begun)
-        yield result, begun + result.holds, time.process_time() - start
-
-
-def _by_rows(pipeline: Pipeline, frames, grounded) -> Iterator[tuple]:
-    """The same after every row."""
-    state = pipeline.rows()
-    for begun, frame in frames:
-        for i, (row, ground) in enumerate(zip(frame, grounded)):
-            at, start = begun + i * ROW_PERIOD, time.process_time()
-            result = pipeline.process_row(row, int(ground), DRIVE, at, state)
-            yield result, at, time.process_time() - start
-
-
 def main() -> None:
     given = options(
         __doc__,
@@ -105,8 +86,8 @@ def main() -> None:
         rows=(False, "results after every row"),
     )
     layout = load_layout(given.layout)
-    lasts, grounded = layout.electrodes * ROW_PERIOD, np.arange(layout.electrodes)
-    follow = _by_rows if given.rows else _by_frames
+    lasts = layout.electrodes * ROW_PERIOD
+    follow = every_row if given.rows else every_frame
     table = tables.Table(
         "scene", *tables.titles(tables.HELD), "ms of processor: median / p95 / worst"
     )
@@ -118,8 +99,8 @@ def main() -> None:
             ends = scene.contacts[0].end
             ends = scene.contacts[0].start + 0.3 if np.isinf(ends) else ends
             count = int(np.ceil(ends / lasts)) + 2
-            frames = [(i * lasts, simulator.frame(i * lasts, i)) for i in range(count)]
-            for result, at, took in follow(make_pipeline(layout), frames, grounded):
+            frames = [simulator.measure(i * lasts, i) for i in range(count)]
+            for result, took, at in follow(make_pipeline(layout), frames, process_time):
                 times.append(1e3 * took)
                 if not result.reason:
                     scores.append(judged(result, scene, at))

@@ -12,13 +12,14 @@ A ghost is a contact of 0.02 N or more that is farther than 0.4 spacings from ev
 at the same.
 """
 
-import time
 from dataclasses import replace
+from time import process_time
 
 import numpy as np
 
 import tomotactile_ros as tt
 from tomotactile_ros.bench.program import options, spread
+from tomotactile_ros.commands.reconstruct import every_frame
 from tomotactile_ros.evaluation.scoring import score_frame
 from tomotactile_ros.layouts.layout import equal_grid
 from tomotactile_ros.scenes.channels import Channels
@@ -98,19 +99,14 @@ def main():
             contact_radius=0.25 * sensor.pitch,
         )
         pipeline = tt.Pipeline(sensor.layout, settings)
-        for i in range(FRAMES):
-            start = i * sensor.period
-            frame = simulator.frame(start, i)
-            begun = time.process_time()
-            result = pipeline.process(
-                frame, simulator.grounded, sensor.scene.drive_voltage, ROW_PERIOD, start
-            )
-            times.append(1e3 * (time.process_time() - begun))
+        frames = (simulator.measure(i * sensor.period, i) for i in range(FRAMES))
+        for result, took, holds in every_frame(pipeline, frames, process_time):
+            times.append(1e3 * took)
             if result.reason:
                 withheld += 1
                 said.append("withheld")
                 continue
-            truth = sensor.scene.truth(start + result.holds)
+            truth = sensor.scene.truth(holds)
             score = score_frame(result.contacts, truth, reach=REACH * sensor.pitch)
             scores.append(score)
             places += (score.place / sensor.pitch).tolist()

@@ -7,7 +7,7 @@ import math
 import time
 from argparse import ArgumentParser, Namespace
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, replace
 
@@ -15,6 +15,7 @@ import numpy as np
 
 from tomotactile_ros.commands.tare import add_tare_argument, apply_tare
 from tomotactile_ros.devices.recording import open_recording
+from tomotactile_ros.frame import Frame
 from tomotactile_ros.frames_file import FramesFile, doubt_of
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.learning.file import load_sensor
@@ -114,11 +115,11 @@ def run(args: Namespace) -> None:
     cut = 0
     withheld: Counter[str] = Counter()
     noise, settling = [], 0.0
-    process = _every_row if args.every_row else _every_frame
+    process = every_row if args.every_row else every_frame
     images = not args.every_row and args.image != "none"
     with results_writer(args.out, images, law) as take:
         frames = track(recorded, "reconstructing frames", len(recorded))
-        for result, lasted, holds in process(pipeline, frames, args.frames):
+        for result, lasted, holds in _of_file(args.frames, process(pipeline, frames)):
             latency.append(lasted)
             cut += not result.complete
             left_out.update(result.faults)
@@ -169,26 +170,36 @@ def law_of_recording(
     )
 
 
-def _every_frame(pipeline, frames, path) -> Iterator[tuple[Result, float, float]]:
-    """Result, time that it took, s, and time for which it holds, s, of each frame."""
-    with complaints_at(f"{path}: "):
-        for frame in frames:
-            start = time.perf_counter()
-            result = pipeline.process(frame)
-            lasted = time.perf_counter() - start
-            yield result, lasted, frame.stamp + result.holds
+Processed = Iterator[tuple[Result, float, float]]
 
 
-def _every_row(pipeline, frames, path) -> Iterator[tuple[Result, float, float]]:
+def every_frame(
+    pipeline: Pipeline, frames: Iterable[Frame], clock: Callable[[], float] = time.perf_counter
+) -> Processed:
+    """Result, time that it took by the `clock`, s, and time for which it holds, s, of each frame."""
+    for frame in frames:
+        start = clock()
+        result = pipeline.process(frame)
+        yield result, clock() - start, frame.stamp + result.holds
+
+
+def every_row(
+    pipeline: Pipeline, frames: Iterable[Frame], clock: Callable[[], float] = time.perf_counter
+) -> Processed:
     """The same of each row."""
+    state = pipeline.rows()
+    for frame in frames:
+        for i, (row, ground) in enumerate(zip(frame.voltages, frame.grounded)):
+            holds = frame.stamp + i * frame.row_period
+            start = clock()
+            result = pipeline.process_row(row, ground, frame.drive_voltage, holds, state)
+            yield result, clock() - start, holds
+
+
+def _of_file(path: str, results: Processed) -> Processed:
+    """The same; what is refused is said to be of that file."""
     with complaints_at(f"{path}: "):
-        state = pipeline.rows()
-        for frame in frames:
-            for i, (row, ground) in enumerate(zip(frame.voltages, frame.grounded)):
-                holds = frame.stamp + i * frame.row_period
-                start = time.perf_counter()
-                result = pipeline.process_row(row, ground, frame.drive_voltage, holds, state)
-                yield result, time.perf_counter() - start, holds
+        yield from results
 
 
 def stamps_of_recording(recorded) -> tuple[np.ndarray, str]:

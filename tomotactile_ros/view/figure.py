@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from textwrap import wrap
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -73,21 +73,10 @@ def _png(figure: Figure) -> bytes:
 
 
 def save_pressure(
-    path: str | os.PathLike,
-    pressure: np.ndarray,
-    layout: Layout,
-    contacts: Sequence = (),
-    truth: Sequence[dict] | None = None,
-    title: str = "",
-    calibrated: bool = True,
-    *,
-    reason: str = "",
-    trails: Sequence[np.ndarray] = (),
-    complete: bool = True,
+    path: str | os.PathLike, pressure: np.ndarray, layout: Layout, *shown: Any, **more: Any
 ) -> None:
     """Write the figure of `pressure_figure` as PNG, SVG or PDF by its name; its folder is made."""
-    shown = pressure, layout, contacts, truth, title, calibrated
-    figure = pressure_figure(*shown, reason=reason, trails=trails, complete=complete)
+    figure = pressure_figure(pressure, layout, *shown, **more)
     try:
         Path(path).parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
