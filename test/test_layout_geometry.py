@@ -9,7 +9,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tomotactile_ros import cli
-from tomotactile_ros.layouts.arrangements import hexagonal_grid
 from tomotactile_ros.layouts.grid import Grid
 from tomotactile_ros.layouts.layout import Layout, Outline, equal_grid, load_layout
 from tomotactile_ros.support.errors import InputError
@@ -133,7 +132,7 @@ def test_a_grid_that_misses_the_sheet_is_refused():
 def test_a_hexagonal_grid_gives_every_inner_electrode_six_neighbours_at_one_distance():
     pitch = 0.02
     size = 6 * pitch + 0.03, 4 * pitch * np.sqrt(3) / 2 + 0.03
-    layout = hexagonal_grid(5, 7, size, 0.002, 1e4, inset=0.015)
+    layout = equal_grid(5, 7, size, 0.002, 1e4, inset=0.015, hexagonal=True)
     assert layout.electrodes == 6 + 7 + 6 + 7 + 6
     inner = layout.outline.rim_distance(layout.positions) > 0.015 + 0.75 * pitch
     assert inner.sum() == 5 + 4 + 5 and layout.pitches == pytest.approx(pitch)

@@ -12,7 +12,6 @@ from tomotactile_ros.commands.inspect import describe_layout
 from tomotactile_ros.layouts.arrangements import (
     USUAL_SIZE,
     electrode_ring,
-    hexagonal_grid,
     usual_radius,
 )
 from tomotactile_ros.layouts.layout import Layout, equal_grid
@@ -105,9 +104,8 @@ def _grid(args: Namespace, name: str) -> Layout:
         raise InputError("--rows and --cols, or --ring and --circle, are needed")
     size = args.size or USUAL_SIZE
     radius = _grid_radius(args, size) if args.radius is None else args.radius
-    make = hexagonal_grid if args.hex else equal_grid
     sheet = size, radius, args.sheet_resistance, args.inset
-    return make(args.rows, args.cols, *sheet, name, args.unusual_size)
+    return equal_grid(args.rows, args.cols, *sheet, name, args.unusual_size, args.hex)
 
 
 def _grid_radius(args, size):

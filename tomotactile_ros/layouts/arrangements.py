@@ -1,5 +1,4 @@
-"""Arrangements of electrodes beside the equal grid (`layout.equal_grid`): hexagonal, a ring, and
-spread evenly over any outline.
+"""Arrangements of electrodes beside grids (`layout.equal_grid`): a ring, and spread evenly over any outline.
 
 Lengths are rounded to a picometre: the same numbers give the same file on every machine.
 """
@@ -19,46 +18,6 @@ USUAL_SIZE = 0.2, 0.2  # m, of a grid's sheet where nothing is said
 MAX_SPREAD = 1024  # electrodes over an outline
 _CELLS = 20  # along the longer side for each electrode along it, while electrodes are spread
 _SWEEPS = 100
-
-
-def hexagonal_grid(
-    rows: int,
-    cols: int,
-    size: tuple[float, float],
-    radius: float,
-    sheet_resistance: float,
-    inset: float = 0.0,
-    name: str | None = None,
-    unusual_size: bool = False,
-) -> Layout:
-    """Rows of ``cols - 1`` and of ``cols`` electrodes in turn over a rectangle, in each other's
-    gaps.
-
-    Parameters
-    ----------
-    rows, cols : number of rows along y, and of electrodes in the longer rows, each at least 2.
-    size : width (x) and height (y) of the sheet, m.
-    radius, sheet_resistance : as in :class:`Layout`.
-    inset : distance of the outermost centres from the rim, m.
-    unusual_size : as of :class:`Outline`.
-
-    The first row is a shorter one. The order is row by row from the lower left. Every electrode is
-    as far from all its neighbours where the rows are 0.866 times as far apart as the electrodes
-    of a row, (width - 2 inset) / (cols - 1).
-    """
-    rows = checks.integer(rows, "rows", 2, 256)
-    cols = checks.integer(cols, "cols", 2, 256)
-    width, height = checks.pair(size, "size", "length in m")
-    outline = Outline.rectangle(width, height, unusual_size=unusual_size)
-    half_width, half_height = half_sides(outline, inset)
-    y = np.arange(1 - rows, rows, 2) / (rows - 1) * half_height
-    lines = []
-    for row in range(rows):
-        gaps = cols - 1 if row % 2 else cols - 2
-        x = np.arange(-gaps, gaps + 1, 2) / (cols - 1) * half_width
-        lines.append(np.column_stack([x, np.full(len(x), y[row])]))
-    positions = rounded(np.concatenate(lines))
-    return Layout(name or f"hex-{len(positions)}", outline, sheet_resistance, radius, positions)
 
 
 def electrode_ring(

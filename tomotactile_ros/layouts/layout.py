@@ -255,6 +255,7 @@ def equal_grid(
     inset: float = 0.0,
     name: str | None = None,
     unusual_size: bool = False,
+    hexagonal: bool = False,
 ) -> Layout:
     """Electrodes on an equally spaced grid over a rectangle.
 
@@ -265,6 +266,9 @@ def equal_grid(
     radius, sheet_resistance : as in :class:`Layout`.
     inset : distance of the outermost centres from the rim, m.
     unusual_size : as of :class:`Outline`.
+    hexagonal : every second row, the first one, is shorter by one and lies in the gaps of the others.
+        Every electrode is as far from all its neighbours where the rows are 0.866 times as far apart as
+        the electrodes of a row, (width - 2 inset) / (cols - 1).
 
     The order is row by row from the lower left: electrode ``r * cols + c`` is in row ``r`` from
     below and column ``c`` from the left.
@@ -274,9 +278,14 @@ def equal_grid(
     width, height = checks.pair(size, "size", "length in m")
     outline = Outline.rectangle(width, height, unusual_size=unusual_size)
     half_width, half_height = half_sides(outline, inset)
-    x, y = _equal_steps(cols) * half_width, _equal_steps(rows) * half_height
-    positions = rounded(np.column_stack([np.tile(x, rows), np.repeat(y, cols)]))
-    return Layout(name or f"equal-{rows}x{cols}", outline, sheet_resistance, radius, positions)
+    lines = []
+    for row, y in enumerate(np.arange(1 - rows, rows, 2) / (rows - 1) * half_height):
+        count = cols - (hexagonal and row % 2 == 0)
+        x = np.arange(1 - count, count, 2) / (cols - 1) * half_width
+        lines.append(np.column_stack([x, np.full(count, y)]))
+    positions = rounded(np.concatenate(lines))
+    usual = f"hex-{len(positions)}" if hexagonal else f"equal-{rows}x{cols}"
+    return Layout(name or usual, outline, sheet_resistance, radius, positions)
 
 
 def rounded(lengths: np.ndarray | float) -> np.ndarray:
@@ -293,11 +302,6 @@ def half_sides(outline: Outline, inset: float) -> tuple[float, float]:
             f"inset: {inset:g} leaves no room, it must be below {min(a, b) / 2:g}, half the sheet"
         )
     return a / 2 - inset, b / 2 - inset
-
-
-def _equal_steps(count: int) -> np.ndarray:
-    """(count,) equally spaced numbers from -1 to 1, mirrored without rounding."""
-    return (2 * np.arange(count) - (count - 1)) / (count - 1)
 
 
 OUTLINE = "{rectangle: [0.2, 0.2]}"  # for who wrote something else
