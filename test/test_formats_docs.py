@@ -8,7 +8,10 @@ import os
 import re
 import subprocess
 import sys
+from copy import deepcopy
 from dataclasses import replace
+from functools import reduce
+from operator import delitem, getitem, setitem
 from pathlib import Path
 
 import numpy as np
@@ -59,20 +62,53 @@ def test_the_layout_loads_and_names_every_part(tmp_path, capsys):
     assert f"below {LOW_RESISTANCE:g}" in rows("Layout")["sheet_resistance"][-1]
 
 
+PLACES = {"angle", "center", "direction", "from", "holes", "line", "path", "points", "polygon"}
+PLACES |= {"positions", "stuck"}  # numbers that may be negative
+
+
+def parts_of(content, way=()):
+    """The way to each part of a file, by keys and indices, and what stands there."""
+    inner = content if isinstance(content, (list, dict)) else ()
+    for key, part in inner.items() if isinstance(content, dict) else enumerate(inner):
+        if key != "provenance":  # anything may stand there
+            yield (*way, key), part
+            yield from parts_of(part, (*way, key))
+
+
 @pytest.mark.parametrize(
-    "key", [k for k, cells in rows("Layout").items() if cells[1] == "required"]
+    ("text", "load"), [(LAYOUT, load_layout), (SCENE, load_scene)], ids=["layout", "scene"]
 )
-def test_what_is_called_required_is_missed(tmp_path, key):
-    """Each required key, taken out of the example."""
-    content = yaml.safe_load(LAYOUT)
-    *sections, last = key.split(".")
-    part = content
-    for section in sections:
-        part = part[section]
-    del part[last]
-    (tmp_path / "wrong.yaml").write_text(yaml.safe_dump(content))
-    with pytest.raises(InputError, match=f"{key}: is missing"):
-        load_layout(tmp_path / "wrong.yaml")
+def test_no_part_of_a_file_is_what_it_cannot_be(tmp_path, text, load):
+    """A line names each number that is none, or negative and no place, each key that is misspelt, and those
+    that the page calls required where they are missing."""
+    path, missed, right = tmp_path / "wrong.yaml", set(), yaml.safe_load(text)
+
+    def refusal(way, change, *what):
+        content = deepcopy(right)
+        change(reduce(getitem, way[:-1], content), way[-1], *what)
+        path.write_text(yaml.safe_dump(content))
+        try:
+            load(path)
+        except InputError as error:
+            line = str(error)
+            assert "\n" not in line and [key for key in way if isinstance(key, str)][-1] in line
+            return line
+        return ""
+
+    for way, part in parts_of(right):
+        number = isinstance(part, (int, float)) and not isinstance(part, bool)
+        wrong = (
+            [np.nan, "many", {}, [1]] if number else [5] if isinstance(part, (list, dict)) else []
+        )
+        for each in wrong + [-1e3] * (number and not PLACES.intersection(way)):
+            assert refusal(way, setitem, each), (way, each)
+        if isinstance(way[-1], str):
+            misspelt = refusal(way, lambda inside, key: setitem(inside, key + "s", inside.pop(key)))
+            assert "unknown key" in misspelt or "is missing" in misspelt, way
+            if "is missing" in refusal(way, delitem):
+                missed.add(".".join(map(str, way)))
+    if load is load_layout:
+        assert {key for key, cells in rows("Layout").items() if cells[1] == "required"} <= missed
 
 
 KEYS = set(re.findall(r"`([a-z_.]+)`", SCENES))
