@@ -41,7 +41,7 @@ settings.load_profile("slow")
 
 
 LONGEST = """
-    learning_live nodes_chain nodes_parameters estimation_shape estimation_search learning_tears nodes_time
+    learning_live nodes_chain nodes_parameters estimation_shape estimation_search nodes_time
     examples learning nodes_live nodes_optimizer reconstruction_pipeline reconstruction_faults view_page
     estimation_rim nodes_serial nodes_kept bench_trade reconstruction_discs nodes_touches
     nodes_refusal nodes_skin estimation_rows nodes_replay

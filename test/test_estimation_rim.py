@@ -1,4 +1,5 @@
-"""Sheets that are not cut as the layout has it, and electrodes that are not printed so."""
+"""Sheets that are not cut as the layout has it, or torn, and electrodes that are not printed so: what is found of
+that, and what is right afterwards."""
 
 from dataclasses import replace
 
@@ -7,31 +8,33 @@ import pytest
 from contacts_support import DRIVE, NOISE, disc, off, sensor
 
 import tomotactile_ros as tt
-from tomotactile_ros.estimation.as_cut import AsCut
+from tomotactile_ros.estimation.as_cut import AsCut, torn
 from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.layouts.tolerance import Tolerance
 from tomotactile_ros.learning.file import load_sensor, save_sensor
 from tomotactile_ros.learning.findings import lines
+from tomotactile_ros.learning.health import Health
+from tomotactile_ros.learning.tears import find_tears
 from tomotactile_ros.reconstruction.pipeline import Pipeline
 from tomotactile_ros.reconstruction.settings import Settings
 from tomotactile_ros.scenes.defects import Defects
 from tomotactile_ros.scenes.sheet_field import SheetField, Tear
 
 
-def layout(outline, half=0.1, side=4, radius=0.005):
+def layout_of(outline, half=0.1, side=4, radius=0.005):
     at = np.linspace(-half, half, side)
     places = np.array([[x, y] for y in at for x in at])
     return tt.Layout("cut", outline, 1e4, radius, places)
 
 
 def square(size, **others):
-    return layout(tt.Outline.rectangle(size, size), **others)
+    return layout_of(tt.Outline.rectangle(size, size), **others)
 
 
 def round_of(radius):
-    return layout(tt.Outline.circle(radius), 0.03, radius=0.003)
+    return layout_of(tt.Outline.circle(radius), 0.03, radius=0.003)
 
 
 @pytest.mark.parametrize(
@@ -39,8 +42,8 @@ def round_of(radius):
     [
         (square(0.2), square(0.22, radius=0.0065)),
         (
-            layout(tt.Outline.rectangle(0.2, 0.12), half=0.05),
-            layout(tt.Outline.rectangle(0.19, 0.14), half=0.05, radius=0.004),
+            layout_of(tt.Outline.rectangle(0.2, 0.12), half=0.05),
+            layout_of(tt.Outline.rectangle(0.19, 0.14), half=0.05, radius=0.004),
         ),
     ],
 )
@@ -181,3 +184,75 @@ def test_learning_finds_the_outline_and_makes_places_no_worse(tmp_path):
             apart.append(off(found, at))
     learned, drawn_only = np.median(np.reshape(apart, (-1, 2)), axis=0)
     assert learned < drawn_only
+
+
+# -- torn: where -----------------------------------------------------------------------------------
+
+LAYOUT = square(0.125, half=0.0625, side=5, radius=0.0025)
+OPERATOR = SheetOperator(LAYOUT)
+TEAR = (-0.02, 0.018, 0.04, 0.018)
+OF_TEAR = SheetField(tears=(Tear((TEAR[:2], TEAR[2:]), 0.001),))
+
+
+def distance(tear, true):
+    """Of the ends of one to those of the other, the farther one, m."""
+    ends, others = np.reshape(tear, (2, 2)), np.reshape(true, (2, 2))
+    return min(np.linalg.norm(ends - each, axis=1).max() for each in (others, others[::-1]))
+
+
+def uncertain(layout):
+    """Couplings of a sheet that is not quite even."""
+    random = np.random.default_rng(0).normal(0, 0.05, (25, 25))
+    return SheetOperator(layout).admittance * np.exp((random + random.T) / 2)
+
+
+@pytest.mark.usefixtures("ends_of_tears_are_found_to_3_mm")
+def test_a_second_tear_from_the_rim_is_found_beside_the_first():
+    first, second = TEAR, (0.0, -0.0625, 0.0, -0.015)
+    operator = OPERATOR.about(np.zeros(OPERATOR.modes), (first,))
+    (found,) = find_tears(operator, uncertain(torn(LAYOUT, (first, second))))
+    assert distance(found, second) < 0.01
+
+
+def test_a_tear_that_cuts_an_electrode_off_is_none():
+    corner = ((-0.07, -0.05, -0.05, -0.07),)
+    with pytest.raises(tt.InputError, match="outside the outline"):
+        torn(LAYOUT, corner)
+
+
+@pytest.mark.usefixtures("ends_of_tears_are_found_to_3_mm")
+def test_learning_names_a_tear_and_contacts_are_right_beside_it(tmp_path):
+    touches = pressed(LAYOUT, np.random.default_rng(2).uniform(-0.054, 0.054, (6, 2)), OF_TEAR)
+    learned = tt.learn(LAYOUT, touches, LAYOUT.grounded, DRIVE, noise=NOISE)
+    (found,) = learned.state.tears
+    assert distance(found, TEAR) < 0.01
+    said = [line for line in lines(learned) if "torn from" in line]
+    assert len(said) == 1 and learned.unexplained < 3
+    save_sensor(tmp_path / "sensor.yaml", LAYOUT, learned.operator, learned.state)
+    known = load_sensor(tmp_path / "sensor.yaml", LAYOUT)
+    np.testing.assert_allclose(known.tears, learned.state.tears, atol=1e-6)
+    health = Health(OPERATOR)
+    for _ in range(2):
+        health.update(known)
+    assert any("torn from" in each.text for each in health.findings)
+    pipeline = Pipeline(LAYOUT, Settings("accurate"), sensor=known)
+    places = (0.015, 0.026), (0.0, 0.012)
+    for at, frame in zip(places, pressed(LAYOUT, places, OF_TEAR), strict=True):
+        pipeline.untare()  # as the first frame
+        (contact,) = pipeline.process(frame, LAYOUT.grounded, DRIVE).contacts
+        assert off(contact, at) < 1e-3
+
+
+def test_where_a_tear_is_not_known_contacts_beside_it_are_right_or_withheld():
+    layout = square(0.15, half=0.075, side=6, radius=0.0025)
+    sheet = SheetField(tears=(Tear(((-0.02, 0.028), (0.05, 0.028)), 0.001),))
+    pipeline = Pipeline(layout, Settings("accurate"))
+    places = (0.015, 0.036), (0.0, 0.02)
+    for at, frame in zip(places, pressed(layout, places, sheet), strict=True):
+        pipeline.untare()  # as the first frame
+        result = pipeline.process(frame, layout.grounded, DRIVE)
+        if result.state == "withheld":
+            assert "is it torn" in result.reason
+        else:
+            (contact,) = result.contacts
+            assert off(contact, at) < 3e-3
