@@ -36,21 +36,21 @@ def pressed(case, family="wide-8x8", step=1):
 
 
 @pytest.mark.parametrize(
-    "family, case, step, true, ghosts, missed",
+    "family, case, true, ghosts, missed",
     [
         # none of the contacts is taken for a part of another; none is there that is not
-        ("wide-8x8", "hand", 1, 30, 0, 0),
+        ("wide-8x8", "hand", 30, 0, 0),
         # cells chosen among seventy explain them as well, and were one shape with 3 of 30 contacts in the
         # right place; three within half a spacing are one
-        ("crowd-4x4", "5 contacts", 1, 30, 1, 8),
+        ("crowd-4x4", "5 contacts", 30, 1, 8),
         # with the sensor as expected two discs are likelier than an ellipse; with one that is bent to the
         # ellipse they are not, and the pairs of four frames of five were one contact of both forces
-        ("pairs-8x8", "16 mm apart", 1, 10, 10, 1),
+        ("pairs-8x8", "16 mm apart", 10, 10, 1),
     ],
     ids=["a palm and five fingertips", "five on sixteen electrodes", "5 mm wide, 16 mm apart"],
 )
-def test_how_many_there_are(family, case, step, true, ghosts, missed):
-    results, truths = zip(*pressed(case, family, step=step), strict=True)
+def test_how_many_there_are(family, case, true, ghosts, missed):
+    results, truths = zip(*pressed(case, family), strict=True)
     scores = [score_frame(r.contacts, t) for r, t in zip(results, truths, strict=True)]
     assert case != "hand" or results[0].state == "valid"
     assert sum(score.true for score in scores) == true
