@@ -153,11 +153,12 @@ def test_inspect_draws_the_y_axis_upwards_noise_dark_and_readings_bright(tmp_pat
         assert any(c in picture.split("  nothing")[0] for c in "=+*#%@") == shown
 
 
-def test_a_reader_that_has_enough_ends_the_command_quietly():
+@pytest.mark.parametrize("words", ["inspect equal-8x8", "--help", "run --help"])
+def test_a_reader_that_has_enough_ends_the_command_quietly(words):
     read, write = os.pipe()
     os.close(read)
     with os.fdopen(write, "w") as closed:
-        done = python("-m", "tomotactile_ros.cli", "inspect", "equal-8x8", stdout=closed)
+        done = python("-m", "tomotactile_ros.cli", *words.split(), stdout=closed)
     assert done.returncode == 128 + signal.SIGPIPE and done.stderr == ""
 
 

@@ -1,7 +1,6 @@
 """What all programs with a command line do alike: mistakes, help, numbers, progress of long work."""
 
 import io
-import os
 import threading
 
 import pytest
@@ -120,17 +119,6 @@ def test_nodes_are_listed_where_they_can_be_started(monkeypatch, capsys):
         with pytest.raises(SystemExit):
             main(words)
         assert "driver skin" in "".join(capsys.readouterr())
-
-
-@pytest.mark.parametrize("words", [["--help"], ["run", "--help"]])
-def test_a_reader_of_the_help_may_have_had_enough(words, monkeypatch, tmp_path):
-    reading, writing = os.pipe()
-    os.close(reading)
-    with open(writing, "w", encoding="utf-8") as out:
-        monkeypatch.setattr("sys.stdout", out)
-        with pytest.raises(SystemExit) as ended:
-            main(words)
-    assert ended.value.code == 141
 
 
 @pytest.mark.parametrize(

@@ -7,11 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from devices_support import collect
 
 import tomotactile_ros as tt
 from tomotactile_ros.cli import main
-from tomotactile_ros.devices import DeviceSettings, make_device
 from tomotactile_ros.frame import stacked
 from tomotactile_ros.frames_file import save_arrays, save_frames
 from tomotactile_ros.support.errors import Doubt
@@ -84,12 +82,6 @@ def test_files_hand_on_times(tmp_path, frames, capsys):
     assert main(["reconstruct", *words]) == 0
     line = capsys.readouterr().err
     assert line.count("row_period: 0 says") == 1
-
-
-def test_a_device_hands_on_the_same_frames(pipeline):
-    frame = collect(make_device(DeviceSettings(LAYOUT, "fake", scene=SCENE)), 1)[0]
-    assert type(frame) is tt.Frame and frame.row_period == pytest.approx(1e-3)
-    assert pipeline.process(frame).state == "valid"
 
 
 def test_learning_takes_frames(frames):

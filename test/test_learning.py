@@ -297,6 +297,9 @@ def test_what_all_touches_have_is_kept_and_predicts_the_others():
 def test_what_each_touch_has_of_its_own_is_left_out(name):
     found = judged(told_by_touches(np.random.default_rng(1), 20, GROUPS[name]))
     assert found.left_out == (name,)
+    said = "\n".join(findings.lines(Learned(START, SMALL, kept_out=found)))
+    assert "touches predicted from the others" in said
+    assert f"not kept, as other touches are predicted better without: {name}" in said
 
 
 def test_frames_of_one_touch_do_not_predict_each_other():
@@ -334,13 +337,6 @@ def test_the_file_says_what_was_left_out(tmp_path):
     path.write_text(path.read_text().replace("gains", "gain"))
     with pytest.raises(InputError, match="left_out.*gain.*is none of gains, offsets"):
         load_sensor(path, layout)
-
-
-def test_the_report_says_how_well_touches_are_predicted():
-    kept = judged(told_by_touches(np.random.default_rng(1), 20, GROUPS["places of electrodes"]))
-    said = "\n".join(findings.lines(Learned(START, SMALL, kept_out=kept)))
-    assert "touches predicted from the others" in said
-    assert "not kept, as other touches are predicted better without: places of electrodes" in said
 
 
 # -- time, files, commands ----------------------------------------------------------------------

@@ -179,15 +179,6 @@ def test_markers_follow_their_contacts_and_are_deleted_with_them():
     assert not names(shown(13.7), Marker.DELETE)  # they do not live so long
 
 
-def test_an_arrow_points_onto_the_contact_and_is_as_long_as_the_force():
-    contact = [a_contact(force=3.0)]
-    arrow, disc = ContactMarkers().of(contact, in_space(LAYOUT.surface, contact), HEADER).markers
-    tail, head = arrow.points
-    assert (head.x, head.y, head.z) == (0.03, 0.02, 0.0)
-    assert tail.z == pytest.approx(0.03)
-    assert (disc.scale.x, disc.scale.y) == (0.012, 0.012)
-
-
 def test_the_outline_of_the_layout_is_drawn_closed():
     (outline,) = (m for m in layout_markers(LAYOUT, HEADER).markers if m.ns == "outline")
     assert outline.points[0] == outline.points[-1]

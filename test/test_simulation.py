@@ -219,14 +219,6 @@ def test_rows_of_slow_contacts_are_interpolated_to_half_a_millivolt(speed):
         assert np.abs(error).max() < 5e-4 and np.sqrt(np.mean(error**2)) < 2e-5
 
 
-def test_a_touch_begins_and_ends_between_two_rows():
-    pressed, free = simulator(disc(0.03, 0.02), model="fem").frame(0.0), np.where(OFF, 0.0, np.nan)
-    begins = simulator(disc(0.03, 0.02, start=1.0055), model="fem").frame(1.0)
-    np.testing.assert_array_equal(begins, np.concatenate([free[:6], pressed[6:]]))
-    ends = simulator(disc(0.03, 0.02, end=1.0055), model="fem").frame(1.0)
-    np.testing.assert_array_equal(ends, np.concatenate([pressed[:6], free[6:]]))
-
-
 def test_any_order_of_electrodes():
     order = [9, 0, 3, 9, 15]
     contact = disc(-0.03, 0.02, velocity=(1.0, 0.0))
