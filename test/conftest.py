@@ -192,7 +192,7 @@ def mistake(capsys, tmp_path, monkeypatch):
 
     monkeypatch.chdir(tmp_path)
 
-    def say(words):
+    def say(words, main=main):
         before = sorted(tmp_path.iterdir())
         try:
             status = main(words.split() if isinstance(words, str) else [*map(str, words)])

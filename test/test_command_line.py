@@ -92,6 +92,10 @@ MISTAKES = [
     ("conform spy:///dev/null?file=/x", "none of /dev"),
     ("conform /dev/ttyS0 --address 255", "address"),
     (f"record {SMALL} --raw x.raw", "--raw: needs --port"),
+    ("emulate --port usb", "tcp:HOST:PORT"),
+    ("emulate --layout no-such-layout", "no-such-layout"),
+    ("emulate --port pty:/no/such/folder/port", "/no/such"),
+    ("emulate --speed 9", "--speed"),
 ]
 
 

@@ -332,18 +332,6 @@ def test_the_emulator_says_what_it_is_and_programs_read_the_port_alone(capsys, m
     assert "watch --layout equal-8x8 --port /tmp/skin --protocol text-mV" in said.err
 
 
-def test_the_emulator_says_in_one_line_what_it_cannot_do(capsys):
-    assert main(["emulate", "--port", "usb"]) == 2
-    assert main(["emulate", "--layout", "no-such-layout"]) == 2
-    assert main(["emulate", "--port", "pty:/no/such/folder/port"]) == 2
-    with pytest.raises(SystemExit, match="2"):
-        main(["emulate", "--speed", "9"])
-    lines = capsys.readouterr().err.splitlines()
-    assert len(lines) == 4 and all(line.startswith("tomotactile emulate: ") for line in lines)
-    for said, words in zip(lines, ("tcp:HOST:PORT", "no-such-layout", "/no/such", "--speed")):
-        assert words in said
-
-
 @pytest.mark.parametrize("version", protocol.VERSIONS)
 def test_a_device_that_forgets_to_stream_is_started_again(version):
     """A device of version 2 says so itself; that of version 1 has fallen silent, though it still

@@ -82,14 +82,8 @@ def test_a_child_that_ends_is_named_with_its_last_words(domain, start_live):
         ("--profile best", "--profile"),
     ],
 )
-def test_bad_arguments_end_with_status_2_before_anything_starts(words, reason, capsys):
-    try:
-        status = live.main(words.split())
-    except SystemExit as exit_:
-        status = exit_.code
-    assert status == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert reason in line
+def test_bad_arguments_end_with_status_2_before_anything_starts(words, reason, mistake):
+    assert reason in mistake(words, live.main)
 
 
 def test_defaults_are_said_as_by_the_command_run(capsys):

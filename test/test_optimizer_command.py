@@ -5,15 +5,13 @@ import subprocess
 import sys
 import time
 
-import numpy as np
 import pytest
 from process_support import descendants, running
 from warm_start import begin
 
 from tomotactile_ros.cli import main
-from tomotactile_ros.layouts.layout import equal_grid, load_layout
-from tomotactile_ros.optimizer.options import OPTIONS, request_of, start_of
-from tomotactile_ros.optimizer.request import Request
+from tomotactile_ros.layouts.layout import load_layout
+from tomotactile_ros.optimizer.options import OPTIONS
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.scenes.scene import load_scene
 from tomotactile_ros.simulation import Simulator
@@ -52,13 +50,8 @@ def test_grounding_writes_the_conditions(tmp_path, capsys):
     assert "conditions" in capsys.readouterr().out
 
 
-def test_parameters_that_nobody_gave_mean_what_the_command_means():
-    values = {o.name: o.unset if o.default is None else o.default for o in OPTIONS}
-    given = {o.name: o.given(values[o.name]) for o in OPTIONS} | {"rows": 4, "cols": 4}
-    request = request_of(start_of(given), "paper", given)
-    plain = Request(equal_grid(4, 4, (0.2, 0.2), 0.005, 1e4), "equalize")
-    assert request.settings() == plain.settings()
-    assert np.array_equal(request.layout.positions, plain.layout.positions)
+def test_zones_to_keep_out_of_are_three_numbers_each():
+    """As parameters of the node; that all others mean what the command means: test_nodes_optimizer.py."""
     (keep_out,) = (o for o in OPTIONS if o.name == "keep_out")
     assert keep_out.given((0.0, 0.1, 0.2, 0.3, 0.4, 0.5)) == [[0.0, 0.1, 0.2], [0.3, 0.4, 0.5]]
     with pytest.raises(InputError, match="keep_out: 4 numbers, X, Y, R of each are needed"):
