@@ -54,7 +54,7 @@ def places(layout, random, count):
     """So many, clear of rims."""
     while count:
         at = random.uniform(-0.09, 0.09, 2)
-        if layout.outline.rim_distance(at[None])[0] >= 1.5 * FINGER:
+        if layout.outline.holds(at[None], 1.5 * FINGER)[0]:
             count -= 1
             yield at
 

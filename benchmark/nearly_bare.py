@@ -38,20 +38,14 @@ GAPS = {"covers it": (-np.inf, -2), "rims cross": (-2, 0), "beside it": (0, 1)}
 def rims(layout: Layout, count: int) -> None:
     """How far off places are, and how many lie in their ellipses of 95 %."""
     found: dict[str, list[tuple[float, bool]]] = {name: [] for name in GAPS}
-    sheet, draw, other, outline = (
-        ReferenceSheet(layout),
-        np.random.default_rng(1),
-        0,
-        layout.outline,
-    )
+    sheet, draw, other = ReferenceSheet(layout), np.random.default_rng(1), 0
     while min(len(each) for each in found.values()) < count:
         electrode, radius = draw.choice(layout.positions), draw.uniform(*DISCS)
         away, turn = draw.uniform(0, radius + 2 * layout.radius), draw.uniform(0, 2 * np.pi)
         at = electrode + away * np.array([np.cos(turn), np.sin(turn)])
         gap = (away - radius) / layout.radius - 1
         (case,) = [name for name, (least, most) in GAPS.items() if least <= gap <= most]
-        whole = outline.contains(at[None])[0] and outline.rim_distance(at[None])[0] > radius
-        if not whole or len(found[case]) == count:
+        if not layout.outline.holds(at[None], radius)[0] or len(found[case]) == count:
             continue
         frame = reference_frame(sheet.solve([(disc(at, radius), BARE)]), DRIVE)
         frame += draw.normal(0, NOISE, frame.shape)

@@ -94,7 +94,7 @@ def moved(layout: Layout, aside: float, seed: int) -> Layout:
     """The layout as it is, not as it was meant."""
     way = aside * np.random.default_rng(seed).standard_normal(layout.positions.shape)
     there = layout.positions + way
-    fits = layout.outline.contains(there) & (layout.outline.rim_distance(there) > layout.radius)
+    fits = layout.outline.holds(there, layout.radius)
     # what was put against the rim lies along it, or farther inside
     return replace(layout, positions=np.where(fits[:, None], there, layout.positions))
 
@@ -121,14 +121,11 @@ class Sensor:
 
     def anywhere(self, random, *others) -> np.ndarray:
         """(2,) a place, far from others."""
-        outline = self.layout.outline
-        half = np.array(outline.size) / 2
+        half = np.array(self.layout.outline.size) / 2
         while True:
             place = (half - FROM_RIM) * (2 * random.random(2) - 1)
-            inside = outline.contains(place[None])[0]
-            if not inside or outline.rim_distance(place[None])[0] < FROM_RIM:
-                continue
-            if all(np.hypot(*(place - other)) > APART for other in others):
+            far = all(np.hypot(*(place - other)) > APART for other in others)
+            if far and self.layout.outline.holds(place[None], FROM_RIM)[0]:
                 return place
 
     def rows(self, contacts: list[Contact], frames: int, seed: int, tally: Tally) -> list[Row]:

@@ -164,8 +164,7 @@ def _anywhere(random, outline: Outline, clearance: float, reach: float = 1.0) ->
     while True:
         place = (random.random(2) - 0.5) * outline.size * reach
         inside = outline.kind != "circle" or np.linalg.norm(place) <= reach * outline.radius
-        clear = outline.contains(place[None])[0] and outline.rim_distance(place[None])[0]
-        if inside and clear >= clearance:
+        if inside and outline.holds(place[None], clearance)[0]:
             return place
 
 
@@ -223,8 +222,7 @@ def pair_states(layout, random, distances, count) -> list[State]:
             angle = math.pi * random.random()
             way = distance / 2 * np.array([math.cos(angle), math.sin(angle)])
             places = np.array([middle + way, middle - way])
-            inside = layout.outline.contains(places)
-            if inside.all() and layout.outline.rim_distance(places).min() > 0.006:
+            if layout.outline.holds(places, 0.006).all():
                 break
         presses = [Press(disc(place, 0.005), "disc", 2e4) for place in places]
         states.append(State(f"{1e3 * distance:g} mm apart", presses))

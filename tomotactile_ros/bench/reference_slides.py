@@ -76,7 +76,7 @@ def slides(name: str) -> tuple[Layout, list[Slide]]:
         angle = random.uniform(0, 2 * np.pi)
         direction = np.array([np.cos(angle), np.sin(angle)])
         path = start + ways * direction
-        if (outline.contains(path) & (outline.rim_distance(path) > radius)).all():
+        if outline.holds(path, radius).all():
             press = Press(disc(start, radius), "disc", pressure)
             made.append(Slide(press, tuple(direction.tolist())))
     return layout, made

@@ -137,6 +137,4 @@ def _pair(layout, apart, random):
 
 
 def _fits(layout, points):
-    outline = layout.outline
-    far = outline.rim_distance(points) >= 0.999 * MARGIN * min(outline.size)
-    return outline.contains(points) & far
+    return layout.outline.holds(points, 0.999 * MARGIN * min(layout.outline.size))

@@ -62,9 +62,7 @@ def _no_room(radius):
 
 def _on_sheet(layout, points, radius):
     """(P,) which discs at `points` (P, 2) lie wholly on the sheet."""
-    slack = 1e-9 * max(layout.outline.size)
-    there = layout.outline.contains(points)
-    return there & (layout.outline.rim_distance(points) >= radius - slack)
+    return layout.outline.holds(points, radius - 1e-9 * max(layout.outline.size))
 
 
 def pairs(

@@ -121,7 +121,7 @@ def off_lattice(
         if attempt == _TRIES:
             sizes[left] = np.min(radii)
         tried = grid.pixels + grid.cell_size * (random.random((count, 2)) - 0.5)
-        fits = left & grid.outline.contains(tried) & (grid.outline.rim_distance(tried) >= sizes)
+        fits = left & grid.outline.holds(tried, sizes)
         places[fits] = tried[fits]
         left &= ~fits
     if left.all():

@@ -84,7 +84,7 @@ def spread_electrodes(
         owner = cKDTree(places).query(cells)[1]
         size = np.maximum(np.bincount(owner, minlength=count), 1)[:, None]
         middle = np.column_stack([np.bincount(owner, c, count) for c in cells.T]) / size
-        on = outline.contains(middle) & (outline.rim_distance(middle) >= inset)
+        on = outline.holds(middle, inset)
         places = np.where(on[:, None], middle, places)  # of a bent cell it may lie in a hole
     places = rounded(places)
     if radius is None:

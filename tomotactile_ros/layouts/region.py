@@ -95,6 +95,10 @@ class Region:
         """(P,) distance of (P, 2) points to the nearest rim, holes included, m, never negative."""
         return shapely.distance(self._polygon.boundary, shapely.points(points))
 
+    def holds(self, points: np.ndarray, radius: np.ndarray | float) -> np.ndarray:
+        """Which discs of so many m radius about (P, 2) points lie wholly in the region."""
+        return self.contains(points) & (self.rim_distance(points) >= radius)
+
     def parts_of(self, line: np.ndarray) -> list[np.ndarray]:
         """The parts (V, 2) of a polyline (V, 2) that lie in the region."""
         found = shapely.intersection(self._polygon, shapely.linestrings(line))
