@@ -11,8 +11,6 @@ from contacts_support import DRIVE, NOISE, disc, sensor
 from tomotactile_ros.cli import main
 from tomotactile_ros.estimation.information import Information
 from tomotactile_ros.estimation.operator import SheetOperator
-from tomotactile_ros.estimation.prior import Prior
-from tomotactile_ros.estimation.search import Search
 from tomotactile_ros.frames_file import save_frames
 from tomotactile_ros.layouts.layout import equal_grid
 from tomotactile_ros.learning import findings
@@ -98,8 +96,7 @@ def rms(values):
 
 
 def learner(state=None):
-    like = Prior.unknown(operator(), WIDE, 0.005, DRIVE)
-    return Learner(Search(operator()), like, DRIVE, state or SensorState.unknown(operator(), WIDE))
+    return Learner(operator(), 0.005, DRIVE, state)
 
 
 def test_a_wide_load_that_rests_bends_the_sensor_no_further_than_is_said():

@@ -18,20 +18,12 @@ class ReplayDevice(Device):
 
     Parameters
     ----------
-    path : path
-        See `tomotactile_ros.devices.recording.read_frames`.
-    electrodes : int
-        Electrodes of the layout; a recording with another number is refused.
+    path, electrodes, drive_voltage, layout_id, topic
+        As of `tomotactile_ros.devices.recording.read_frames`.
     rate : float
         Frames/s; 0 keeps the recorded distances in time.
     loop : bool
         Start over at the end, instead of finishing.
-    drive_voltage : float, V
-        For recordings that do not hold it.
-    layout_id : str
-        Of the layout that the recording must be of, where it names one; any if None.
-    topic : str
-        Of a bag with frames on several.
 
     A frame is due the recorded distance after the one before.  Where there is no such distance,
     because the recording starts over, its clock was set back or it has one frame only, it is that

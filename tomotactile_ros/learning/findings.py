@@ -12,7 +12,7 @@ from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.rim import SIDES
 from tomotactile_ros.learning import tears
 from tomotactile_ros.learning.kept_out import LEAST
-from tomotactile_ros.learning.recorded import MOST, WIDE, Learned
+from tomotactile_ros.learning.recorded import MOST, Learned
 from tomotactile_ros.learning.state import PARTS, SensorState
 from tomotactile_ros.support.checks import plain
 
@@ -115,7 +115,7 @@ def made(
 def evidence(state: SensorState, operator: SheetOperator) -> dict[str, float]:
     """Of each kind of unknowns by how much the logarithm of the evidence is larger with it, see
     `SensorState.evidence`."""
-    before = SensorState.unknown(operator, WIDE.for_layout(operator.layout))
+    before = SensorState.unknown(operator)
     sheet, *kinds = PARTS
     return {
         name: state.evidence([kinds[k] for k in which] or [sheet], before)

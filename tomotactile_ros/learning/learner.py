@@ -22,6 +22,7 @@ from tomotactile_ros.estimation.fit import Fit
 from tomotactile_ros.estimation.forward import Unknowns
 from tomotactile_ros.estimation.information import Information, information
 from tomotactile_ros.estimation.observation import Rows
+from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.search import Search
 from tomotactile_ros.estimation.solver import solve
@@ -29,7 +30,7 @@ from tomotactile_ros.estimation.touch import RADIUS, patches_for
 from tomotactile_ros.learning.kept_out import LEAST, KeptOut, Predicted, forgotten
 from tomotactile_ros.learning.ledger import Ledger
 from tomotactile_ros.learning.readings import Offsets
-from tomotactile_ros.learning.state import OFFSET_WANDER, PARTS, SensorState
+from tomotactile_ros.learning.state import OFFSET_WANDER, PARTS, WIDE, SensorState
 from tomotactile_ros.support.errors import InputError
 
 EXPLAINED = 1.5  # `left_over`: one contact, and noise is all that is left
@@ -72,15 +73,23 @@ class Learner:
 
     Parameters
     ----------
-    search : of the electrodes in use; like : the estimator's prior, of contacts
-    drive : V; state : what is known
+    operator : of the electrodes in use; radius : typical of a contact, m
+    drive : V; state : what is known, None for nothing
     """
 
-    def __init__(self, search: Search, like: Prior, drive: float, state: SensorState):
-        self.search, self.operator = search, search.operator
-        self.like, self.drive = like, drive
+    def __init__(
+        self,
+        operator: SheetOperator,
+        radius: float,
+        drive: float,
+        state: SensorState | None = None,
+    ):
+        self.search, self.operator = Search(operator), operator
+        self.like = Prior.unknown(operator, WIDE.for_layout(operator.layout), radius, drive)
+        self.drive = drive
         self.ledger = Ledger(self.operator.pitch)
-        self._where = state.indices(self.operator.used)
+        state = state or SensorState.unknown(operator)
+        self._where = state.indices(operator.used)
         self.set(state)
         self.about()
 

@@ -17,9 +17,7 @@ import numpy as np
 
 from tomotactile_ros.estimation.fit import Fit
 from tomotactile_ros.estimation.operator import operator_for
-from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.screening import clipped, dead_channels
-from tomotactile_ros.estimation.search import Search
 from tomotactile_ros.estimation.settling import Settling, rows_before
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.learning.health import Finding, Health
@@ -31,7 +29,7 @@ from tomotactile_ros.learning.readings import (
     rows_of,
     square,
 )
-from tomotactile_ros.learning.recorded import WIDE, kept_of_rows_before, learn, moves, torn
+from tomotactile_ros.learning.recorded import kept_of_rows_before, learn, moves, torn
 from tomotactile_ros.learning.state import SensorState
 
 OFF, CHANNELS, ALL = KINDS = "off", "channels", "all"
@@ -132,8 +130,7 @@ class LiveLearner:
         self.layout, self._noise, self._radius, self._model = layout, noise, radius, model
         self._excluded, self._kind = list(excluded), kind
         self.operator = operator_for(layout, model)
-        wide = WIDE.for_layout(layout)
-        self.state = self._start = state or SensorState.unknown(self.operator, wide)
+        self.state = self._start = state or SensorState.unknown(self.operator)
         self._lock = threading.Lock()  # guards what `offer` leaves for `work`
         self._working = threading.Lock()
         self._touched: list[_Frame] = []  # that are waiting, oldest first
@@ -370,10 +367,7 @@ class LiveLearner:
         state = self.state.walked(elapsed)
         if learner is None:
             operator = operator_for(self.layout, self._model, np.array(used))
-            like = Prior.unknown(
-                operator, WIDE.for_layout(operator.layout), self._radius, frame.drive
-            )
-            learner = Learner(Search(operator), like, frame.drive, state)
+            learner = Learner(operator, self._radius, frame.drive, state)
             self._learners = {used: learner}
         else:
             learner.drive = frame.drive

@@ -15,15 +15,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.fit import Fit
 from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.one_state import reciprocity
 from tomotactile_ros.estimation.operator import SheetOperator, operator_for
-from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.reciprocity import Gains, fit_gains
 from tomotactile_ros.estimation.screening import STUCK, clipped, dead_channels, stuck_channels
-from tomotactile_ros.estimation.search import Search
 from tomotactile_ros.estimation.settling import Settling, rows_before, unsettled
 from tomotactile_ros.frame import Frame, stacked
 from tomotactile_ros.layouts.layout import Layout, check_layout, check_on_sheet
@@ -43,14 +40,11 @@ from tomotactile_ros.learning.readings import (
     rows_of,
     square,
 )
-from tomotactile_ros.learning.state import SensorState
+from tomotactile_ros.learning.state import WIDE, SensorState
 from tomotactile_ros.learning.tears import couplings, find_tears
 from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import InputError
 
-WIDE = ChannelPrior(
-    gain=0.05, offset=0.005, resistance=250.0, aside=0.01
-)  # of a sensor of which nothing is known
 MOST = 60  # touches
 _NEW = 1.5  # times what noise makes of the difference of two frames: another touch
 _ROUNDS = 6  # of all frames together
@@ -159,10 +153,9 @@ def learn(
     used = np.array([e for e in range(layout.electrodes) if e not in faults])
     if len(used) < 2:
         raise InputError("fewer than two electrodes can be read")
-    operator, wide = operator_for(layout, model, used), WIDE.for_layout(layout)
-    state = state or SensorState.unknown(operator, wide)
-    like = Prior.unknown(operator, wide, radius, volts)
-    learner = Learner(Search(operator), like, volts, state)
+    operator = operator_for(layout, model, used)
+    learner = Learner(operator, radius, volts, state)
+    state = learner.state
     ended: tuple[int, ...] = ()
     if idle.any():
         found = offsets(voltages[idle], order, noise, state["offset"], state.std("offset"))

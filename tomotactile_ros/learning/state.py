@@ -21,6 +21,8 @@ from tomotactile_ros.estimation.channels import KINDS, ChannelPrior
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
 
+# of a sensor of which nothing is known
+WIDE = ChannelPrior(gain=0.05, offset=0.005, resistance=250.0, aside=0.01)
 PARTS = "sheet", "gain", "offset", "resistance", "aside_x", "aside_y"
 SHEET_WALK = 5e-3  # per root hour, logarithm of conductance: make settles, fabric creeps
 GAIN_WALK = 2e-4  # relative, per root hour: resistors of 100 ppm / K in a room
@@ -57,8 +59,8 @@ class SensorState:
 
     @classmethod
     def unknown(cls, operator: SheetOperator, channels: ChannelPrior | None = None) -> SensorState:
-        """Nothing has been learned of any electrode of the layout."""
-        channels = channels or ChannelPrior().for_layout(operator.layout)
+        """Nothing has been learned of any electrode of the layout; `channels`: `WIDE`, by default."""
+        channels = channels or WIDE.for_layout(operator.layout)
         count = operator.layout.electrodes
         every = np.arange(count)
         widths = channels.deviations(operator, 1.0, every)
