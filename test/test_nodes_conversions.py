@@ -16,6 +16,7 @@ from hypothesis.extra.numpy import arrays
 from visualization_msgs.msg import Marker
 
 from tomotactile_ros.devices import Frame
+from tomotactile_ros.devices.recording import frame_of
 from tomotactile_ros.layouts.grid import Grid
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.nodes import contact_messages, conversions
@@ -61,7 +62,7 @@ def test_a_frame_survives_its_message(voltages, sequence, stamp, row_period):
     frame = Frame(voltages, grounded, sequence, stamp, 5.0, row_period)
     header = conversions.make_header(stamp, "skin")
     message = round_trip(conversions.frame_to_message(frame, "a layout", header))
-    back = conversions.message_to_frame(message)
+    back = frame_of(message)
     np.testing.assert_array_equal(back.voltages, voltages)
     np.testing.assert_array_equal(back.grounded, grounded)
     assert message.electrodes == voltages.shape[1]
@@ -77,7 +78,7 @@ def test_a_message_of_a_wrong_size_is_refused(voltages, grounded):
     message.voltages = message.voltages[:voltages]
     message.grounded = message.grounded[:grounded]
     with pytest.raises(InputError, match="voltages do not fit"):
-        conversions.message_to_frame(message)
+        frame_of(message)
 
 
 @pytest.mark.parametrize(

@@ -36,7 +36,7 @@ class Defect(Node):
         super().__init__("defect", namespace="a_defect")
         frame_subscriptions.of_rows(self, accept, print, print).start()
 
-sys.exit(run(lambda: [Defect()], [], "", {}))
+sys.exit(run(lambda make: [Defect()], [], "", {}))
 """
 
 

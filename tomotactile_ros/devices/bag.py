@@ -27,7 +27,7 @@ _METADATA = "metadata.yaml"
 _STORAGE = {".mcap": "mcap", ".db3": "sqlite3"}
 
 
-def read_bag(path: Path, topic: str | None = None) -> Iterator[object]:
+def read_bag(path: Path, topic: str | None = None) -> Iterator[Any]:
     """Messages, in their order, with the fields of VoltageFrame (older ones without `row_period`).
 
     Parameters

@@ -30,7 +30,7 @@ from tomotactile_ros.layouts.layout_ids import matches, note_bare
 from tomotactile_ros.scenes.contact_law import ContactLaw
 from tomotactile_ros.support import checks
 from tomotactile_ros.support.checks import plain
-from tomotactile_ros.support.errors import InputError
+from tomotactile_ros.support.errors import InputError, complaints_at
 from tomotactile_ros.support.npz_writer import npz_writer
 
 BAGS = (".mcap", ".db3")  # files of rosbag2; it may also be a folder
@@ -233,7 +233,9 @@ def _npz_frames(path: Path, drive_voltage: float, layout_id: str | None) -> Iter
 def _bag_frames(path: Path, layout_id: str | None, topic: str | None) -> Iterator[Frame]:
     for number, message in enumerate(read_bag(path, topic)):
         _check_layout(path, message, layout_id, first=number == 0)
-        yield _frame_of_message(path, message)
+        with complaints_at(f"{path}: frame {message.sequence}: "):
+            frame = frame_of(message)
+        yield frame
 
 
 def _check_layout(path: Path, message: Any, layout_id: str | None, first: bool) -> None:
@@ -248,21 +250,21 @@ def _check_layout(path: Path, message: Any, layout_id: str | None, first: bool) 
         note_bare(message.layout_id, layout_id, path)
 
 
-def _frame_of_message(path: Path, message: Any) -> Frame:
-    electrodes = int(message.electrodes)
-    grounded = np.asarray(message.grounded, dtype=np.uint16)
-    voltages = np.asarray(message.voltages, dtype=np.float32)
-    if electrodes == 0 or voltages.size != grounded.size * electrodes:
+def frame_of(message: Any) -> Frame:
+    """What a message with the fields of VoltageFrame holds; older ones have no `row_period`. Arrays share its
+    memory. InputError where the number of voltages does not fit."""
+    rows, electrodes = len(message.grounded), message.electrodes
+    if rows == 0 or len(message.voltages) != rows * electrodes:
         raise InputError(
-            f"{path}: frame {message.sequence}: {voltages.size} voltages for {grounded.size} "
-            f"ground conditions of {electrodes} electrodes"
+            f"{len(message.voltages)} voltages do not fit: {rows} rows (grounded) of {electrodes} electrodes need "
+            f"{rows * electrodes}"
         )
-    stamp = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
+    stamp = message.header.stamp
     return Frame(
-        voltages.reshape(grounded.size, electrodes),
-        grounded,
+        np.asarray(message.voltages, np.float32).reshape(rows, electrodes),
+        np.asarray(message.grounded, np.uint16),
         int(message.sequence),
-        stamp,
+        stamp.sec + stamp.nanosec / 1e9,
         float(message.drive_voltage),
         float(getattr(message, "row_period", 0.0)),
     )

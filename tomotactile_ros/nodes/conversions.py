@@ -70,27 +70,6 @@ def frame_to_message(frame: Frame, layout_id: str, header: Header) -> VoltageFra
     return message
 
 
-def message_to_frame(message: VoltageFrame) -> Frame:
-    """A message as a frame whose arrays share the message's memory.
-
-    Raises InputError where the number of voltages does not fit.
-    """
-    rows, electrodes = len(message.grounded), message.electrodes
-    if rows == 0 or len(message.voltages) != rows * electrodes:
-        raise InputError(
-            f"{len(message.voltages)} voltages do not fit: {rows} rows (grounded) of {electrodes} electrodes need "
-            f"{rows * electrodes}"
-        )
-    return Frame(
-        voltages=np.frombuffer(message.voltages, np.float32).reshape(rows, electrodes),
-        grounded=np.frombuffer(message.grounded, np.uint16),
-        sequence=message.sequence,
-        stamp=stamp_of(message.header),
-        drive_voltage=message.drive_voltage,
-        row_period=message.row_period,
-    )
-
-
 def check_frame(frame: Frame, layout: Layout) -> None:
     """Refuse, with the reason as InputError, a frame that cannot be one of this layout."""
     electrodes = frame.voltages.shape[1]

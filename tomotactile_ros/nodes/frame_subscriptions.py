@@ -21,8 +21,9 @@ from rclpy.subscription import Subscription
 from std_msgs.msg import Header
 
 from tomotactile_ros.devices import Frame
+from tomotactile_ros.devices.recording import frame_of
 from tomotactile_ros.msg import VoltageFrame
-from tomotactile_ros.nodes.conversions import message_to_frame, stamp_of
+from tomotactile_ros.nodes.conversions import stamp_of
 from tomotactile_ros.nodes.row_watch import fall_behind
 from tomotactile_ros.nodes.topics import SubscriptionEventCallbacks
 from tomotactile_ros.support.errors import InputError
@@ -173,7 +174,7 @@ def of_rows(
 
 def _give(message: VoltageFrame, accept: Accept, refuse: Refuse) -> None:
     try:
-        frame = message_to_frame(message)
+        frame = frame_of(message)
     except InputError as error:
         refuse(str(error))
     else:

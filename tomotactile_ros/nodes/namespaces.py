@@ -6,8 +6,12 @@ from rclpy.exceptions import InvalidNamespaceException
 from rclpy.node import Node
 from rclpy.validate_namespace import validate_namespace
 
+from tomotactile_ros.nodes.parameters import Spec
 from tomotactile_ros.support.errors import InputError, printable
 
+SENSORS = Spec(
+    "sensors", (), "Namespaces of the sensors, e.g. [left, right]", items=str, read_only=True
+)
 MOST = 255  # sensors: the number of one is in the ids of its contacts
 
 

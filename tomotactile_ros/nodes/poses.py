@@ -10,10 +10,12 @@ from rclpy.time import Time
 from scipy.spatial.transform import Rotation
 from std_msgs.msg import Header
 
+from tomotactile_ros.nodes.parameters import Spec
 from tomotactile_ros.skin import load_poses
 from tomotactile_ros.spatial import Pose
 from tomotactile_ros.support.errors import InputError
 
+POSES = Spec("poses", "", "File of the sensors' fixed poses; empty: from tf2", read_only=True)
 Locate = Callable[[Header], Pose]
 OLDEST = 0.5  # s between contacts and the newest transform: five of one that comes at 10 Hz
 

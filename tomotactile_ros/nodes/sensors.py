@@ -13,20 +13,15 @@ from itertools import chain
 
 from rclpy.node import Node
 
-from tomotactile_ros.nodes.namespaces import full_namespaces
-from tomotactile_ros.nodes.parameters import Spec
+from tomotactile_ros.nodes.namespaces import SENSORS, full_namespaces
 from tomotactile_ros.nodes.running import Making, Part, PlainNode, run
 from tomotactile_ros.nodes.tactile import PARAMETERS, PATIENCE, make_nodes
-
-SPECS = (
-    Spec("sensors", (), "Namespaces of the sensors, e.g. [left, right]", items=str, read_only=True),
-)
 
 
 class Sensors(Part):
     """Holds the list of the sensors."""
 
-    name, specs = "sensors", SPECS
+    name, specs = "sensors", (SENSORS,)
 
     def configure(self) -> None:
         """Refuse a list that cannot be."""
@@ -49,4 +44,4 @@ def main(args: list[str] | None = None) -> int:
     """Run all nodes."""
     sys.setswitchinterval(PATIENCE)
     of_each = chain(*PARAMETERS.values())
-    return run(make_all, args, __doc__, {Sensors.name: SPECS}, also=of_each)
+    return run(make_all, args, __doc__, {Sensors.name: Sensors.specs}, also=of_each)

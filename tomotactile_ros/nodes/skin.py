@@ -22,10 +22,10 @@ from tomotactile_ros.nodes.conditions import Conditions
 from tomotactile_ros.nodes.contact_messages import wrench_to_message
 from tomotactile_ros.nodes.conversions import stamp_of, vector, vectors
 from tomotactile_ros.nodes.diagnostics import Diagnostics, Report
-from tomotactile_ros.nodes.namespaces import full_namespaces
+from tomotactile_ros.nodes.namespaces import SENSORS, full_namespaces
 from tomotactile_ros.nodes.node_time import PassingTime, is_timeless, seconds_now
 from tomotactile_ros.nodes.parameters import Spec
-from tomotactile_ros.nodes.poses import Locate, make_locator
+from tomotactile_ros.nodes.poses import POSES, Locate, make_locator
 from tomotactile_ros.nodes.running import Part, run
 from tomotactile_ros.nodes.stopping import unless_stopped
 from tomotactile_ros.nodes.topics import publisher, subscription
@@ -35,9 +35,9 @@ from tomotactile_ros.support.checks import LONGEST
 from tomotactile_ros.support.errors import InputError, printable
 
 SPECS = (
-    Spec("sensors", (), "Namespaces of the sensors, e.g. [left, right]", items=str, read_only=True),
+    SENSORS,
     Spec("frame_id", "base_link", "Frame of the skin, of the robot", read_only=True, frame=True),
-    Spec("poses", "", "File of the sensors' fixed poses; empty: from tf2", read_only=True),
+    POSES,
     Spec(
         "timeout",
         0.5,

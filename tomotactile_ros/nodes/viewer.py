@@ -23,7 +23,7 @@ from tomotactile_ros.nodes.listener import RECONSTRUCTION
 from tomotactile_ros.nodes.namespaces import full_namespaces
 from tomotactile_ros.nodes.node_time import seconds_now
 from tomotactile_ros.nodes.parameters import Spec
-from tomotactile_ros.nodes.poses import Locate, make_locator
+from tomotactile_ros.nodes.poses import POSES, Locate, make_locator
 from tomotactile_ros.nodes.running import Part, run
 from tomotactile_ros.nodes.topics import subscription
 from tomotactile_ros.spatial import Pose
@@ -38,7 +38,7 @@ SPECS = (
     Spec(
         "frame_id", "", "Frame of the robot; empty: sensors lie beside each other", read_only=True
     ),
-    Spec("poses", "", "File of the sensors' fixed poses; empty: from tf2", read_only=True),
+    POSES,
     Spec(
         "host",
         LOCALHOST,
