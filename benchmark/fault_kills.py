@@ -94,7 +94,7 @@ def complaint_about(path: Path) -> str:
     if path.suffix == ".json":
         json.loads(path.read_text())
         return ""
-    if path.suffix == ".search":
+    if path.suffix in (".search", ".part"):
         Work(path=path, resume=True)  # or it complains
         return ""
     return "" if path.is_symlink() else f"{path.name} is left over"

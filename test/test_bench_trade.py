@@ -348,42 +348,46 @@ def _stopped(tick):
     raise KeyboardInterrupt
 
 
-def test_a_stopped_benchmark_goes_on_where_it_was(tmp_path):
+def _parts(*names):
+    """The names of those that were measured, and parts that find their names."""
     done = []
 
-    def part(name, found):
-        return run.Part(name, 1.0, lambda tick: done.append(name) or found)
+    def part(name):
+        return run.Part(name, 1.0, lambda tick: done.append(name) or [name])
 
-    names = ["trade", "deadlines", "peers", "growth", "stability"]
-    todo = [part(name, [name]) for name in names]
-    path = tmp_path / "bench.part.json"
+    return done, [part(name) for name in names]
+
+
+def test_a_stopped_benchmark_goes_on_where_it_was(tmp_path):
+    done, todo = _parts("trade", "deadlines", "peers", "growth", "stability")
     stopped = [*todo[:3], run.Part("growth", 1.0, _stopped), todo[4]]
     with pytest.raises(KeyboardInterrupt):
-        run.measure(run.Store(path), stopped)
-    result = run.measure(run.Store(path), todo)
-    assert done == names
+        run.measure(stopped, tmp_path / "bench.part")
+    result = run.measure(todo, tmp_path / "bench.part")
+    assert done == [part.name for part in todo]
     assert (result["trade"], result["growth"]) == (["trade"], ["growth"])
 
 
 def test_parts_count_on_the_same_machine_with_the_same_code_only(tmp_path, monkeypatch):
-    path = tmp_path / "bench.part.json"
-    run.Store(path).add("peers", [1.0])
-    described = machine.describe()
+    (done, todo), described = _parts("peers"), machine.describe()
+
+    def measured(*methods):
+        done.clear()
+        assert run.measure(todo, tmp_path / "bench.part", methods)["peers"] == ["peers"]
+        return bool(done)
+
+    assert measured()
     monkeypatch.setattr(machine, "describe", lambda: described | {"date": "2001-01-01"})
-    assert run.Store(path).parts == {"peers": [1.0]}
+    assert not measured() and measured("mine:all") and measured()
     monkeypatch.setattr(machine, "describe", lambda: described | {"processor": "other"})
-    assert not run.Store(path).parts
-    monkeypatch.undo()
-    assert not run.Store(path, ["mine:all"]).parts
+    assert measured() and not measured()
     monkeypatch.setattr(run, "_code", lambda: "other")
-    assert not run.Store(path).parts
+    assert measured() and not measured()
 
 
-@pytest.mark.parametrize("content", ['{"made by"', "[]", "{}", "1"])
-def test_a_broken_store_is_begun_anew(tmp_path, content):
-    path = tmp_path / "bench.part.json"
-    path.write_text(content)
-    assert not run.Store(path).parts
+def test_a_broken_file_of_parts_is_begun_anew(tmp_path):
+    (tmp_path / "bench.part").write_text('{"made by"')
+    assert run.measure(_parts("peers")[1], tmp_path / "bench.part")["peers"] == ["peers"]
 
 
 RESULT = "bench.json --compare README.md README.md"

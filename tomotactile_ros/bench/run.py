@@ -1,11 +1,11 @@
-"""A whole benchmark: what `tomotactile bench` measures, in which order, with progress; and what of it
-has been measured, on disk: stopped, it goes on where it was."""
+"""A whole benchmark: what `tomotactile bench` measures, in which order, with progress; stopped, it goes
+on where it was."""
 
 from __future__ import annotations
 
 import hashlib
-import json
 import resource
+import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -19,8 +19,8 @@ from tomotactile_ros.bench.sensor.parts import ON_DEMAND, PARTS
 from tomotactile_ros.bench.sensor.parts import measure as measure_sensor
 from tomotactile_ros.bench.sensor.trial import Methods, profiles
 from tomotactile_ros.bench.trade import EFFORT
+from tomotactile_ros.optimizer.work import Work
 from tomotactile_ros.support.errors import InputError
-from tomotactile_ros.support.files import write_atomic
 from tomotactile_ros.support.progress import Progress
 from tomotactile_ros.support.yamlio import plain
 
@@ -29,40 +29,6 @@ FORMAT_OF_PARTS = "tomotactile-bench-parts/1"
 Tick = Callable[[float], None]
 SENSOR = tuple(name for name in PARTS if name not in ON_DEMAND)
 _EIGHTH, _THIRD = 8, 3  # of the presses of the sensor's parts, of the values of each extreme
-
-
-class Store:
-    """Parts of a benchmark by their names, kept in the file at `path`.
-
-    Parts of another machine or version of the code, or of other `methods`, are forgotten.
-    """
-
-    def __init__(self, path: str | Path, methods: Sequence[str] = ()):
-        self.path = Path(path)
-        made_on = machine.describe() | {"date": None}
-        self._made_by = {"machine": made_on, "code": _code(), "methods": list(methods)}
-        self.parts: dict[str, Any] = self._load()
-
-    def add(self, name: str, found: Any) -> None:
-        """Keep a part, on disk too."""
-        self.parts[name] = plain(found)
-        self.save()
-
-    def save(self) -> None:
-        """Write the file; InputError where that is not possible."""
-        content = {"made by": self._made_by, "parts": self.parts}
-        write_atomic(self.path, json.dumps(content, allow_nan=False).encode())
-
-    def remove(self) -> None:
-        """Nothing is left on disk."""
-        self.path.unlink(missing_ok=True)
-
-    def _load(self):
-        try:
-            content = json.loads(self.path.read_text(encoding="utf-8"))
-            return content["parts"] if content["made by"] == self._made_by else {}
-        except (FileNotFoundError, ValueError, KeyError, TypeError):
-            return {}
 
 
 def _code() -> str:
@@ -82,32 +48,71 @@ class Part:
     measure: Callable[[Tick], Any]
 
 
-def measure(store: Store, todo: Sequence[Part]) -> dict:
-    """What the parts find as plain data, see docs/benchmarks.md; `store` keeps every part."""
-    left = [part for part in todo if part.name not in store.parts]
-    with Progress("benchmark", round(sum(part.seconds for part in left)) or 1) as progress:
-        before = 0.0
-        for part in left:
+def measure(todo: Sequence[Part], path: Path, methods: Sequence[str] = ()) -> dict:
+    """What the parts find as plain data, see docs/benchmarks.md.
 
-            def tick(fraction: float, before=before, part=part) -> None:
-                progress.update(round(before + fraction * part.seconds), part.name)
+    The file at `path` keeps each as soon as it is measured: stopped, the same goes on from there, unless
+    machine, code, parts or the names of `methods` are others.
+    """
+    work, there = _begun(todo, path, methods), path.exists()
+    if work.known:
+        _say(f"{path}: continued, {work.known} of {len(todo)} parts are done")
+    elif there:
+        _say(f"{path}: was measured with other code or on another machine: starting over")
+    left = sum(part.seconds for part in todo[work.known :])
+    found, before = {}, 0.0
+    try:
+        with Progress("benchmark", round(left) or 1) as progress:
+            for part in todo:
 
-            start = time.perf_counter()
-            found = part.measure(tick)
-            seconds = time.perf_counter() - start
-            peak = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss  # bytes
-            store.add(part.name, {"found": found, "seconds": seconds, "peak_memory": peak})
-            before += part.seconds
-            tick(1.0)
-    kept = {part.name: store.parts[part.name] for part in todo}
-    found = {name: each["found"] for name, each in kept.items()}
+                def tick(fraction: float, before=before, part=part) -> None:
+                    progress.update(round(before + fraction * part.seconds), part.name)
+
+                known = work.known
+                found[part.name] = work.do(_measured, part.measure, tick)
+                before += 0.0 if known else part.seconds
+    except KeyboardInterrupt:
+        done = f"{len(found)} of {len(todo)} parts; the same command goes on from there"
+        _say(f"{path}: keeps what is done, {done}")
+        raise
+    values = {name: each["found"] for name, each in found.items()}
     return {
         "machine": machine.describe(),
-        "seconds": {name: each["seconds"] for name, each in kept.items()},
-        "peak_memory": max(each["peak_memory"] for each in kept.values()),
-        "sensor": {name: found.pop(name) for name in PARTS if name in found},
-        **found,
+        "seconds": {name: each["seconds"] for name, each in found.items()},
+        "peak_memory": max(each["peak_memory"] for each in found.values()),
+        "sensor": {name: values.pop(name) for name in PARTS if name in values},
+        **values,
     }
+
+
+def _begun(todo, path, methods) -> Work:
+    """What is known, or the beginning."""
+    asked = {
+        "machine": machine.describe() | {"date": None},
+        "code": _code(),
+        "parts": [part.name for part in todo],
+        "methods": list(methods),
+    }
+    try:
+        work = Work(path=path, resume=True)
+        work.begin(**asked)
+    except InputError:
+        work = Work(path=path)
+        work.begin(**asked)
+    return work
+
+
+def _measured(measure, tick):
+    start = time.perf_counter()
+    found = plain(measure(tick))
+    seconds = time.perf_counter() - start
+    tick(1.0)
+    peak = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss  # bytes
+    return {"found": found, "seconds": seconds, "peak_memory": peak}
+
+
+def _say(text: str) -> None:
+    print(text, file=sys.stderr)
 
 
 def parts(asked: Sequence[str] = (), methods: Sequence[Methods] = (profiles,)) -> list[Part]:

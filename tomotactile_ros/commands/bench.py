@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import json
 import shutil
-import sys
 from math import inf
 from pathlib import Path
 
@@ -63,12 +62,15 @@ def run(args):
     out.parent.mkdir(parents=True, exist_ok=True)
     check_out(out, ".json")
     todo = run.parts(args.parts or (), [profiles, *map(find_methods, args.methods)])
-    store = run.Store(out.with_suffix(".part.json"), args.methods)
-    result = {"format": run.FORMAT_OF_PARTS if args.parts else run.FORMAT, **_measured(store, todo)}
+    kept = out.with_suffix(".part")
+    result = {
+        "format": run.FORMAT_OF_PARTS if args.parts else run.FORMAT,
+        **run.measure(todo, kept, args.methods),
+    }
     write_atomic(out, json.dumps(result, indent=1, allow_nan=False).encode())
     if not args.parts:
         plots.save_front(out.with_name(f"{out.stem}-front.png"), result)
-    store.remove()
+    kept.unlink(missing_ok=True)
     width = shutil.get_terminal_size((0, 0)).columns or inf
     print("\n".join(report.lines(result, width)))
     print(f"\n{out}" + ("" if args.parts else ", with a plot of the front beside it"))
@@ -76,33 +78,6 @@ def run(args):
         report.rewrite(args.readme, result)
         print(f"{args.readme}: figures rewritten")
     return 0
-
-
-def _measured(store, todo):
-    """What the parts find, those that the store has not left out."""
-    from tomotactile_ros.bench.run import measure
-    from tomotactile_ros.support.yamlio import plain
-
-    done = [part.name for part in todo if part.name in store.parts]
-    if done:
-        print(
-            f"{store.path}: continued, {len(done)} of {len(todo)} parts are done", file=sys.stderr
-        )
-    elif store.path.exists():
-        print(
-            f"{store.path}: was measured with other code or on another machine: starting over",
-            file=sys.stderr,
-        )
-    store.save()  # a folder that takes no file is told now, not after the first part
-    try:
-        return plain(measure(store, todo))
-    except KeyboardInterrupt:
-        print(
-            f"{store.path}: keeps what is done, {len(store.parts)} of {len(todo)} parts; "
-            "the same command goes on from there",
-            file=sys.stderr,
-        )
-        raise
 
 
 def load(path):

@@ -96,6 +96,11 @@ class Work:
                 "the same"
             )
 
+    @property
+    def known(self) -> int:
+        """How many results are known of tasks to come."""
+        return len(self._known)
+
     def do(self, function: Callable, *arguments: object) -> Any:
         """What `function` makes of the arguments; here, unless it is known."""
         return self.map(function, *([each] for each in arguments))[0]
