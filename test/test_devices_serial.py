@@ -26,7 +26,7 @@ from tomotactile_ros.devices import (
     make_device,
     protocol,
 )
-from tomotactile_ros.devices.emulator import EmulatedDevice
+from tomotactile_ros.devices.firmware import EmulatedDevice, idle_source
 from tomotactile_ros.devices.serial import SerialDevice
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.support.errors import InputError
@@ -264,7 +264,7 @@ def of_version_3(data: bytes) -> bytes:
     return protocol.frame(bytes([0x11, 3, 0, 0])) if data else b""
 
 
-BIG = EmulatedDevice(emulator.idle_source(9), 9, name="big skin")
+BIG = EmulatedDevice(idle_source(9), 9, name="big skin")
 TEXT = b"0\t612\t655\t701\r\n"
 FAULTS = {
     "baud rate": ({"mangle": noise, "baud": 9600}, "garbled", "wrong baud rate"),
