@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tomotactile_ros.layouts.layout import Layout
+from tomotactile_ros.layouts.region import nearest, proper
 
 _BLOCKS = 3
 
@@ -34,34 +35,12 @@ class Regions:
     @property
     def areas(self) -> np.ndarray:
         """(M,) m^2."""
-        return _cross(self.corners, np.roll(self.corners, -1, axis=1)).sum(axis=1) / 2
+        x, y = np.moveaxis(self.corners, -1, 0)
+        return (x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1)).sum(axis=1) / 2
 
     def of(self, points) -> np.ndarray:
         """(P,) region of each of the (P, 2) points; the nearest one for points outside all."""
-        points = np.asarray(points, float)
-        inside = np.zeros((len(points), len(self.corners)), bool)
-        for start, end in self._sides():
-            offset, side = points[:, None] - start, end - start
-            spans = (start[:, 1] > points[:, 1:]) != (end[:, 1] > points[:, 1:])
-            inside ^= spans & (_cross(side, offset) * np.sign(side[:, 1]) > 0)
-        owner = inside.argmax(axis=1)
-        outside = np.flatnonzero(~inside.any(axis=1))
-        if len(outside):
-            owner[outside] = self._distance(points[outside]).argmin(axis=1)
-        return owner
-
-    def _sides(self):
-        for i in range(4):
-            yield self.corners[:, i], self.corners[:, (i + 1) % 4]
-
-    def _distance(self, points):
-        """(P, M) from each point to the sides of each region, m."""
-        out = np.full((len(points), len(self.corners)), np.inf)
-        for start, end in self._sides():
-            offset, side = points[:, None] - start, end - start
-            along = np.clip((offset * side).sum(axis=2) / (side**2).sum(axis=1), 0, 1)
-            out = np.minimum(out, np.linalg.norm(offset - along[..., None] * side, axis=2))
-        return out
+        return nearest(self.corners, points)
 
     def means(self, owner, points, values) -> np.ndarray:
         """(M,) mean of the `values` (P,) of the `points` (P, 2) that each region owns.
@@ -108,15 +87,4 @@ def grid_shape(positions) -> tuple[int, int] | None:
 
 def is_simple(regions: Regions) -> bool:
     """Whether every region is a simple polygon, counter-clockwise and of positive area."""
-    a, b, c, d = (regions.corners[:, i] for i in range(4))
-
-    def positive(p, q, r):
-        return _cross(q - p, r - p) > 0
-
-    first = positive(a, b, c) & positive(a, c, d)
-    second = positive(a, b, d) & positive(b, c, d)
-    return bool((first | second).all())
-
-
-def _cross(u, v):
-    return u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
+    return bool(proper(regions.corners).all())

@@ -148,6 +148,18 @@ class Region:
         return shapely.area(shapely.intersection(self._polygon, shapely.polygons(polygons)))
 
 
+def nearest(polygons: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """(P,) which of the simple polygons (M, V, 2) each of (P, 2) points lies in, or is nearest to."""
+    tree = shapely.STRtree(shapely.polygons(polygons))
+    return tree.query_nearest(shapely.points(points), all_matches=False)[1]
+
+
+def proper(polygons: np.ndarray) -> np.ndarray:
+    """(M,) which polygons (M, V, 2) do not cross themselves and go counter-clockwise around an area."""
+    rims = shapely.linearrings(polygons)
+    return shapely.is_simple(rims) & shapely.is_ccw(rims)
+
+
 def regular_polygon(radius: float, vertices: int = 256) -> np.ndarray:
     """(vertices, 2) corners of the regular polygon around a circle, sides tangent at its axes."""
     angle = (np.arange(vertices) + 0.5) * (2 * np.pi / vertices)
