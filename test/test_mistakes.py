@@ -214,21 +214,3 @@ def test_sheet_resistance_in_kilo_ohms(tmp_path, capsys):
     assert cli.main(["inspect", str(path)]) == 0
     line = capsys.readouterr().err.strip()
     assert line.startswith("tomotactile inspect: ") and "10 ohm/sq is low" in line
-
-
-def test_a_result_says_why_a_channel_is_left_out():
-    layout = load_layout("equal-8x8")
-    (voltages,) = frames_of(layout, "default", times=(0.0,))
-    voltages[:, 5], voltages[:, 20] = np.nan, 1.2
-    voltages[:, 44] = np.random.default_rng(0).uniform(0, 3.3, 64)
-    why = {
-        5: "no readings",
-        20: "its reading never changes",
-        44: "its readings contradict all others",
-        60: "excluded by the settings",
-    }
-    for profile in ("fast", "accurate"):
-        pipeline = Pipeline(layout, Settings(profile, excluded=(60,)))
-        result = pipeline.process(voltages, np.arange(64), 3.3)
-        assert set(result.faults) == set(result.excluded) == set(why)
-        assert all(result.faults[channel].startswith(text) for channel, text in why.items())

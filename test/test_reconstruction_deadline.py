@@ -266,21 +266,6 @@ def test_images_and_contacts_are_asked_for_one_by_one(layout, frames):
     assert np.array_equal(eq1.potential, whole.potential, equal_nan=True)
 
 
-@pytest.mark.parametrize(
-    "given, why",
-    [
-        ({"image": "none", "contacts": False}, "nothing to do"),
-        ({"image": "contacts", "contacts": False}, "draws the contacts"),
-        ({"image": "wide"}, "is none of none, paper, contacts"),
-        ({"deadline": 0.0}, "deadline"),
-        ({"deadline": float("nan")}, "deadline"),
-    ],
-)
-def test_what_cannot_be_done_is_refused(given, why):
-    with pytest.raises(InputError, match=why):
-        Settings(**given)
-
-
 def test_the_command_says_which_results_are_complete(tmp_path, capsys):
     recorded, out = tmp_path / "frames.npz", tmp_path / "result.npz"
 

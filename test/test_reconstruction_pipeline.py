@@ -92,8 +92,15 @@ def test_dead_stuck_and_wrong_channels_are_left_out_and_reported(pipelines, fram
     readings[:, 43] = 1.25
     readings[:, 9] = np.random.default_rng(0).uniform(0, DRIVE, 64)
     readings[:, 54] *= 0.8
-    result = pipelines[profile].process(readings, GROUNDED, DRIVE)
-    assert result.excluded == (9, 20, 43)  # a gain that is off is estimated
+    pipeline = pipelines[profile].with_settings(Settings(profile, excluded=(60,)))
+    result = pipeline.process(readings, GROUNDED, DRIVE)
+    why = {
+        9: CONTRADICTS,
+        20: "no readings",
+        43: "its reading never changes",
+        60: "excluded by the settings",
+    }
+    assert result.faults == why and result.excluded == tuple(why)  # a gain that is off is estimated
     assert told_rightly(result, TRUTH, 0.001)
 
 
@@ -230,6 +237,11 @@ def test_drive_voltage_must_be_positive(pipelines, frame, drive):
         ({"contact_radius": 0}, "contact_radius"),
         ({"unknown": ("gain",)}, "unknown: 'gain' is none of auto, gains, offsets,"),
         ({"unknown": ("auto", "gains")}, "unknown: auto is all"),
+        ({"image": "none", "contacts": False}, "nothing to do"),
+        ({"image": "contacts", "contacts": False}, "draws the contacts"),
+        ({"image": "wide"}, "is none of none, paper, contacts"),
+        ({"deadline": 0.0}, "deadline"),
+        ({"deadline": np.nan}, "deadline"),
     ],
 )
 def test_settings_are_checked(bad, key):
