@@ -139,22 +139,3 @@ def test_a_scene_file_names_them_and_is_written_back(tmp_path):
     scene.check(equal_grid(2, 2, (0.2, 0.2), 0.005, 1e4, inset=0.02))
     with pytest.raises(InputError, match="defects.offset: a list of 4 numbers, the layout has 16"):
         scene.check(LAYOUT)
-
-
-@pytest.mark.parametrize(
-    "defect, complaint",
-    [
-        ("gain: 1.0", "defects.gain: 1.0 is neither a list of numbers nor {rms, seed}"),
-        ("gain: [1.0, 0.0]", r"defects.gain\[1\]: 0.0 is not a positive factor"),
-        ("gain: {rms: 0.5}", "defects.gain.rms: 0.5 is above 0.25"),
-        ("ground_resistance: {mean: 10.0, spread: 20.0}", "spread: 20 is above the mean"),
-        ("settling: 1.0", "defects.settling: 1 is not a part from 0 to below 1"),
-        ("open: [1, 1]", r"defects.open: \[1, 1\] names an electrode twice"),
-        ("stuck: {a: 1.0}", "defects.stuck: 'a' is not the number of an electrode"),
-        ("stuck: {1: .inf}", "defects.stuck.1: inf"),
-    ],
-)
-def test_impossible_channels_are_refused_in_one_line(tmp_path, defect, complaint):
-    with pytest.raises(InputError, match=complaint) as caught:
-        scene_with(tmp_path / "scene.yaml", defect)
-    assert "\n" not in str(caught.value)

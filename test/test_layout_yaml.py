@@ -43,6 +43,7 @@ def test_good_file_is_read(tmp_path):
 
 
 OUTLINE, NAME = "rectangle: [0.2, 0.2]", "name: square"
+PLACES = "positions: [[-0.1, -0.1], [0.1, -0.1], [-0.1, 0.1], [0.1, 0.1]]"
 HOLE = "[[0, 0], [0.05, 0], [0, 0.05]]"
 
 
@@ -81,6 +82,22 @@ HOLE = "[[0, 0], [0.05, 0], [0, 0.05]]"
             NAME,
             "name: s\ntolerance: {radius: 10}",
             "tolerance.radius: 10 is relative to the radius",
+        ),
+        (NAME, "name: s\nscan: {order: []}", "scan.order: [] names no electrode"),
+        (NAME, "name: s\nscan: {order: [4]}", "scan.order: electrode 4 does not exist, there are"),
+        (NAME, "name: s\nscan: {order: [1.5]}", "scan.order[0]: 1.5 is not a whole number"),
+        (
+            NAME,
+            f"name: s\nscan: {{order: {[0] * 65536}}}",
+            "scan.order: 65536 rows, a frame has at",
+        ),
+        (OUTLINE, "rectangle: [200.0, 200.0]", "was 0.2 m x 0.2 m meant"),
+        (OUTLINE, "circle: 0.001", "was another unit meant"),
+        (PLACES, "positions: [[-100.0, 0.0], [100.0, 0.0]]", "are the positions in mm?"),
+        (
+            PLACES,
+            "positions: [[0.01, 0.17], [0.19, 0.01]]",
+            "was the origin a corner of the sheet?",
         ),
         (NAME, "name: &x [1]\nprovenance: *x", "aliases (*name) are not allowed"),
         (NAME, "name: !!python/name:os.system x", "line 2: not valid YAML: could not"),

@@ -13,7 +13,6 @@ from tomotactile_ros.layouts.layout import equal_grid
 from tomotactile_ros.reconstruction import Pipeline, Settings
 from tomotactile_ros.reconstruction.settings import Result
 from tomotactile_ros.scenes.contact import ContactLaw
-from tomotactile_ros.scenes.scene import load_scene
 from tomotactile_ros.support.errors import InputError
 
 PLACE, PRESSURE, RADIUS = (0.026, -0.042), 30e3, 0.005
@@ -108,13 +107,6 @@ def test_too_much_is_refused():
     lattice = np.stack(np.meshgrid(*2 * [np.linspace(-0.09, 0.09, 14)]), -1).reshape(-1, 2)
     with pytest.raises(InputError, match="contacts: 196 at the same time, in .* at most 4000"):
         frame_of(SMALL, *(pressed(place, 0.003) for place in lattice))
-
-
-def test_a_scene_of_thousands_of_contacts_is_refused_unread(tmp_path):
-    head = "format: tomotactile-scene/1\ndrive_voltage: 3.3\ncontacts:\n"
-    (tmp_path / "many.yaml").write_text(head + 2_000 * "- {shape: nothing}\n")
-    with pytest.raises(InputError, match="contacts: 2000 are named, at most 1000 work"):
-        load_scene(tmp_path / "many.yaml")
 
 
 def peak_of(work):

@@ -148,26 +148,6 @@ def layout_file(tmp_path, **changes):
 IN_MM = {"rectangle": [300.0, 180.0]}
 
 
-@pytest.mark.parametrize(
-    ("changes", "meant"),
-    [
-        (
-            {"outline": IN_MM},
-            "outline.rectangle: a sheet.*was 0.3 m x 0.18 m meant.*unusual_size",
-        ),
-        ({"outline": {"circle": 0.001}}, "was another unit meant"),
-        ({"electrodes": {"positions": [[-100.0, 0.0], [100.0, 0.0]]}}, "are the positions in mm?"),
-        (
-            {"electrodes": {"positions": [[0.01, 0.17], [0.29, 0.01]]}},
-            "was the origin a corner of the sheet?",
-        ),
-    ],
-)
-def test_layouts_in_millimetres_or_from_a_corner(tmp_path, changes, meant):
-    with pytest.raises(InputError, match=meant):
-        load_layout(layout_file(tmp_path, **changes))
-
-
 def test_millimetres_elsewhere(tmp_path, mistake):
     assert load_layout(layout_file(tmp_path, outline=IN_MM, unusual_size=True)).electrodes == 3
     words = ["layout", "--rows", "2", "--cols", "3", "--size", "300", "180"]

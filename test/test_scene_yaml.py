@@ -136,6 +136,23 @@ WAY, LAW = "to: 4.0, velocity: [0.02, 0]", "exponent: 1.0"
         (", radius: 0.01", "", "factor: its patch needs a center and a radius, or points"),
         (", period: 600", "", "defects.temperature.period: belongs together with relative"),
         ("period: 600", "period: 600, rate: 1", "temperature.rate: needed, or relative and period"),
+        (
+            "dead: [5]",
+            "gain: 1.0",
+            "defects.gain: 1.0 is neither a list of numbers nor {rms, seed}",
+        ),
+        ("dead: [5]", "gain: [1.0, 0.0]", "defects.gain[1]: 0.0 is not a positive factor"),
+        ("dead: [5]", "gain: {rms: 0.5}", "defects.gain.rms: 0.5 is above 0.25"),
+        ("dead: [5]", "ground_resistance: {mean: 1, spread: 2}", "spread: 2 is above the mean"),
+        ("dead: [5]", "settling: 1.0", "defects.settling: 1 is not a part from 0 to below 1"),
+        ("dead: [5]", "open: [1, 1]", "defects.open: [1, 1] names an electrode twice"),
+        ("dead: [5]", "stuck: {a: 1.0}", "defects.stuck: 'a' is not the number of an electrode"),
+        ("dead: [5]", "stuck: {1: .inf}", "defects.stuck.1: inf"),
+        (
+            "contacts:\n",
+            "contacts:\n" + 2000 * "  - {}\n",
+            "contacts: 2003 are named, at most 1000",
+        ),
         ("3.3", "3.3: 4", "line 2: not valid YAML: mapping values are not allowed"),
     ],
 )
