@@ -19,7 +19,7 @@ from tomotactile_ros.bench.reference_mesh import Ellipse, Shape, disc
 from tomotactile_ros.bench.trials import LAW
 from tomotactile_ros.layouts.layout import Layout, equal_grid, load_layout
 from tomotactile_ros.layouts.outline import Outline
-from tomotactile_ros.layouts.region import Region, regular_polygon
+from tomotactile_ros.layouts.region import Region, disc_polygon, regular_polygon, turned
 from tomotactile_ros.scenes.sheet_field import Anisotropy, Gradient, SheetField, SheetVariation
 
 SIDE, RESISTANCE = 0.2, 1e4  # m, ohm/sq
@@ -99,17 +99,9 @@ def truth(press: Press, outline: Outline) -> dict:
     return content
 
 
-def _polygon_of(ellipse: Ellipse, corners: int = 256) -> shapely.Polygon:
-    angle = 2 * np.pi / corners * np.arange(corners)
-    same_area = math.sqrt(2 * np.pi / corners / math.sin(2 * np.pi / corners))
-    a, b = same_area * np.array(ellipse.semi_axes)
-    points = np.column_stack([a * np.cos(angle), b * np.sin(angle)])
-    return shapely.Polygon(_turned(points, ellipse.angle) + ellipse.center)
-
-
-def _turned(points, degrees):
-    cos, sin = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
-    return points @ np.array([[cos, sin], [-sin, cos]])
+def _polygon_of(ellipse: Ellipse) -> shapely.Polygon:
+    points = disc_polygon(256) * ellipse.semi_axes
+    return shapely.Polygon(turned(points, ellipse.angle) + ellipse.center)
 
 
 # -- layouts ------------------------------------------------------------------------------------
@@ -262,7 +254,7 @@ def wide_states(layout, random, count) -> list[State]:
 def _placed(random, layout, corners, reach):
     """`corners` (V, 2), turned at random, somewhere on the sheet; `reach` is their furthest, m."""
     angle = 360 * random.random()
-    return _turned(corners, angle) + _anywhere(random, layout.outline, reach + 1e-4)
+    return turned(corners, angle) + _anywhere(random, layout.outline, reach + 1e-4)
 
 
 def _rectangle(random, layout, width, height) -> Region:
@@ -278,7 +270,7 @@ def _hand(random) -> State:
     turn, shift = 360 * random.random(), 0.03 * (random.random(2) - 0.5)
     presses = [Press(Ellipse(tuple(shift), (0.035, 0.028), turn), "palm", 6e3)]
     for degrees, reach in zip((-75, -32, -4, 24, 52), (0.052, 0.062, 0.066, 0.063, 0.056)):
-        place = _turned(np.array([[reach, 0.0]]), turn + degrees)[0] + shift
+        place = turned(np.array([[reach, 0.0]]), turn + degrees)[0] + shift
         press = _pressed(disc(place, 0.006 + 0.002 * random.random()), "disc", random, 1e4, 3e4)
         presses.append(press)
     return State("hand", presses)

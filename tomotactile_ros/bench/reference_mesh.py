@@ -18,7 +18,7 @@ import numpy as np
 
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.layouts.outline import Outline
-from tomotactile_ros.layouts.region import Region
+from tomotactile_ros.layouts.region import Region, turned
 from tomotactile_ros.support.errors import InputError
 
 NEEDED = "the reference model needs Gmsh and scikit-fem: python3 -m pip install gmsh scikit-fem"
@@ -47,8 +47,7 @@ class Ellipse:
 
     def contains(self, points: np.ndarray) -> np.ndarray:
         """(n,) which of the points (n, 2) lie inside."""
-        cos, sin = math.cos(math.radians(self.angle)), math.sin(math.radians(self.angle))
-        along = (points - self.center) @ np.array([[cos, -sin], [sin, cos]])
+        along = turned(points - self.center, -self.angle)
         return ((along / self.semi_axes) ** 2).sum(axis=1) < 1
 
 

@@ -166,6 +166,19 @@ def regular_polygon(radius: float, vertices: int = 256) -> np.ndarray:
     return radius / np.cos(np.pi / vertices) * np.column_stack([np.cos(angle), np.sin(angle)])
 
 
+def disc_polygon(vertices: int) -> np.ndarray:
+    """(vertices, 2) corners of a regular polygon with the area of the unit disc."""
+    step = 2 * np.pi / vertices
+    angle = step * np.arange(vertices)
+    return np.sqrt(step / np.sin(step)) * np.column_stack([np.cos(angle), np.sin(angle)])
+
+
+def turned(points: np.ndarray, degrees: float) -> np.ndarray:
+    """(P, 2) points turned counter-clockwise about the origin."""
+    cos, sin = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    return points @ np.array([[cos, sin], [-sin, cos]])
+
+
 def ring(vertices: Sequence | np.ndarray, key: str) -> np.ndarray:
     """Vertices (V, 2) of one closed line, m: checked to be simple and to have an area.
 

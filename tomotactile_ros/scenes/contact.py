@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from tomotactile_ros.layouts.region import MAX_CELLS, Region, regular_polygon, ring
+from tomotactile_ros.layouts.region import MAX_CELLS, Region, regular_polygon, ring, turned
 from tomotactile_ros.scenes.cells import (
     cells_along,
     too_fine,
@@ -193,7 +193,7 @@ class Contact:
         """(V, 2) rim of the contact, m; a disc as a fine polygon around it."""
         if self.shape == "disc":
             return self.center + regular_polygon(self.radius)
-        return self.center + self._turned(self._form.shell)
+        return self.center + turned(self._form.shell, self.angle)
 
     def under(self, law: ContactLaw | None) -> "Contact":
         """The contact as ``law`` feels it, whose memory `at` then knows of; itself without one."""
@@ -354,15 +354,8 @@ class Contact:
                 raise InputError(too_fine(spacing))
             points, areas = self._form.cells(columns, rows)
             areas.setflags(write=False)
-            self._cells[spacing] = self._turned(points), areas
+            self._cells[spacing] = turned(points, self.angle), areas
         return self._cells[spacing]
-
-    def _turned(self, points: np.ndarray) -> np.ndarray:
-        if not self.angle:
-            return points
-        angle = math.radians(self.angle)
-        cos, sin = math.cos(angle), math.sin(angle)
-        return points @ np.array([[cos, sin], [-sin, cos]])
 
     def to_dict(self) -> dict:
         """The contact as in a scene file."""

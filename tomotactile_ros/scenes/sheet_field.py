@@ -10,7 +10,6 @@ time.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -18,7 +17,7 @@ from functools import cached_property
 import numpy as np
 
 from tomotactile_ros.layouts.layout import Layout
-from tomotactile_ros.layouts.region import Region, ring
+from tomotactile_ros.layouts.region import Region, disc_polygon, ring, turned
 from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import InputError
 
@@ -65,8 +64,7 @@ class Anisotropy:
     @cached_property
     def axes(self) -> np.ndarray:
         """(2, 2), rows: unit vectors along the direction and across it."""
-        angle = math.radians(self.direction)
-        return np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
+        return turned(np.eye(2), self.direction)
 
     @cached_property
     def tensor(self) -> np.ndarray:
@@ -164,10 +162,8 @@ class Patch:
         """(V, 2) of its rim, m; a disc as a polygon of the same area."""
         if self.points is not None:
             return np.array(self.points)
-        angle = 2 * np.pi / 64 * np.arange(64)
         assert self.center is not None and self.radius is not None
-        radius = self.radius * math.sqrt(2 * np.pi / 64 / math.sin(2 * np.pi / 64))
-        return self.center + radius * np.column_stack([np.cos(angle), np.sin(angle)])
+        return self.center + self.radius * disc_polygon(64)
 
     @cached_property
     def _region(self):
@@ -308,8 +304,7 @@ def random_sheet(variation: SheetVariation, sheet_resistance: float) -> Field:
 
 
 def _gradient(gradient, layout):
-    angle = math.radians(gradient.direction)
-    way = np.array([math.cos(angle), math.sin(angle)])
+    way, _ = turned(np.eye(2), gradient.direction)
     xmin, ymin, xmax, ymax = layout.outline.bounds
     reach = np.abs(way) @ np.array([xmax - xmin, ymax - ymin]) / 2
     middle = np.array([xmin + xmax, ymin + ymax]) / 2
