@@ -46,24 +46,24 @@ class NpzWriter:
 
     def __init__(self, path: str | os.PathLike) -> None:
         self._path = path
-        self._grown: dict[str, _Growing | _Text] = {}
+        self._grown: dict[str, _Growing] = {}
         self._whole: dict[str, np.ndarray] = {}
 
     def append(self, **entries: object) -> None:
         """Add one entry to each of these arrays; all entries of one have one shape and type."""
         for name, entry in entries.items():
-            self._add(name, np.asarray(entry), _Growing)
+            self._extend(name, np.asarray(entry)[None])
 
     def append_text(self, **pieces: str) -> None:
         """Go on with each of these texts, which are arrays of one entry in the file."""
         for name, piece in pieces.items():
-            self._add(name, piece, _Text)
+            self._extend(name, np.array(list(piece), "<U1"))
 
-    def _add(self, name, entry, kind) -> None:
+    def _extend(self, name: str, entries: np.ndarray) -> None:
         try:
             if name not in self._grown:
-                self._grown[name] = kind(entry, Path(os.path.realpath(self._path)).parent)
-            self._grown[name].append(entry)
+                self._grown[name] = _Growing(entries, Path(os.path.realpath(self._path)).parent)
+            self._grown[name].extend(entries)
         except OSError as error:
             raise InputError(f"{self._path}: cannot be written: {error.strerror}") from None
 
@@ -98,43 +98,27 @@ class NpzWriter:
 
 
 class _Growing:
-    """An array whose entries are in a file."""
+    """An array whose entries, or a text whose characters, are in a file."""
 
     def __init__(self, first: np.ndarray, folder: Path) -> None:
         self.file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115 - closed by the writer
-        self._dtype, self._shape = first.dtype, first.shape
+        self._dtype, self._shape = first.dtype, first.shape[1:]
         self._length = 0
 
-    def append(self, array: np.ndarray) -> None:
-        if array.shape != self._shape:
-            raise ValueError(f"an entry of shape {array.shape} among those of {self._shape}")
-        self.file.write(np.ascontiguousarray(array, self._dtype).tobytes())
-        self._length += 1
+    def extend(self, entries: np.ndarray) -> None:
+        if entries.shape[1:] != self._shape:
+            raise ValueError(f"an entry of shape {entries.shape[1:]} among those of {self._shape}")
+        self.file.write(np.ascontiguousarray(entries, self._dtype).tobytes())
+        self._length += len(entries)
 
     def write_to(self, member: IO[bytes]) -> None:
-        _write(member, self.file, self._dtype, (self._length, *self._shape))
-
-
-class _Text:
-    """A text in a file, four bytes a character as numpy has it."""
-
-    def __init__(self, first: str, folder: Path) -> None:
-        self.file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115 - closed by the writer
-        self._length = 0
-
-    def append(self, piece: str) -> None:
-        self.file.write(piece.encode("utf-32-le"))
-        self._length += len(piece)
-
-    def write_to(self, member: IO[bytes]) -> None:
-        _write(member, self.file, np.dtype(f"<U{max(self._length, 1)}"), ())
-
-
-def _write(member: IO[bytes], file: IO[bytes], dtype: np.dtype, shape: tuple[int, ...]) -> None:
-    """An array in the format of numpy whose bytes are in `file`."""
-    header = {
-        "descr": np.lib.format.dtype_to_descr(dtype), "fortran_order": False, "shape": shape,
-    }  # fmt: skip
-    np.lib.format.write_array_header_1_0(member, header)
-    file.seek(0)
-    shutil.copyfileobj(file, member, _PIECE)
+        """The array in the format of numpy."""
+        shape, dtype = (self._length, *self._shape), self._dtype
+        if dtype.kind == "U":
+            shape, dtype = (), np.dtype(f"<U{max(self._length, 1)}")
+        header = {
+            "descr": np.lib.format.dtype_to_descr(dtype), "fortran_order": False, "shape": shape,
+        }  # fmt: skip
+        np.lib.format.write_array_header_1_0(member, header)
+        self.file.seek(0)
+        shutil.copyfileobj(self.file, member, _PIECE)
