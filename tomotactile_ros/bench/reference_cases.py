@@ -19,7 +19,7 @@ from tomotactile_ros.bench.reference_mesh import Ellipse, Shape, disc
 from tomotactile_ros.bench.trials import LAW
 from tomotactile_ros.layouts.layout import Layout, equal_grid, load_layout
 from tomotactile_ros.layouts.outline import Outline
-from tomotactile_ros.layouts.region import Region, disc_polygon, regular_polygon, turned
+from tomotactile_ros.layouts.region import Region, ellipse_polygon, regular_polygon, turned
 from tomotactile_ros.scenes.sheet_field import Anisotropy, Gradient, SheetField, SheetVariation
 
 SIDE, RESISTANCE = 0.2, 1e4  # m, ohm/sq
@@ -100,7 +100,7 @@ def truth(press: Press, outline: Outline) -> dict:
 
 
 def _polygon_of(ellipse: Ellipse) -> shapely.Polygon:
-    points = disc_polygon(256) * ellipse.semi_axes
+    points = ellipse_polygon(ellipse.semi_axes, 256)
     return shapely.Polygon(turned(points, ellipse.angle) + ellipse.center)
 
 

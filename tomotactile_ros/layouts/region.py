@@ -3,6 +3,7 @@
 The only module that uses shapely. Lengths in m, areas in m².
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -166,16 +167,17 @@ def regular_polygon(radius: float, vertices: int = 256) -> np.ndarray:
     return radius / np.cos(np.pi / vertices) * np.column_stack([np.cos(angle), np.sin(angle)])
 
 
-def disc_polygon(vertices: int) -> np.ndarray:
-    """(vertices, 2) corners of a regular polygon with the area of the unit disc."""
+def ellipse_polygon(semi_axes: Sequence[float], vertices: int) -> np.ndarray:
+    """(vertices, 2) corners of a polygon with the area of an ellipse, on both of its axes."""
     step = 2 * np.pi / vertices
     angle = step * np.arange(vertices)
-    return np.sqrt(step / np.sin(step)) * np.column_stack([np.cos(angle), np.sin(angle)])
+    reach = math.sqrt(step / math.sin(step)) * np.asarray(semi_axes)
+    return reach * np.column_stack([np.cos(angle), np.sin(angle)])
 
 
 def turned(points: np.ndarray, degrees: float) -> np.ndarray:
     """(P, 2) points turned counter-clockwise about the origin."""
-    cos, sin = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    cos, sin = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
     return points @ np.array([[cos, sin], [-sin, cos]])
 
 

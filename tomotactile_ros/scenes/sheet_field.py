@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 
 from tomotactile_ros.layouts.layout import Layout
-from tomotactile_ros.layouts.region import Region, disc_polygon, ring, turned
+from tomotactile_ros.layouts.region import Region, ellipse_polygon, ring, turned
 from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import InputError
 
@@ -163,7 +163,7 @@ class Patch:
         if self.points is not None:
             return np.array(self.points)
         assert self.center is not None and self.radius is not None
-        return self.center + self.radius * disc_polygon(64)
+        return self.center + ellipse_polygon([self.radius] * 2, 64)
 
     @cached_property
     def _region(self):
