@@ -124,11 +124,7 @@ class Tear:
 
     def contains(self, points: np.ndarray) -> np.ndarray:
         """(n,) which of the points (n, 2) lie in it."""
-        start, end = np.array(self.line)
-        length = np.linalg.norm(end - start)
-        along = (points - start) @ (end - start) / length
-        across = (points - start) @ (np.array([[0, 1], [-1, 0]]) @ (end - start)) / length
-        return (along >= 0) & (along <= length) & (np.abs(across) <= self.width / 2)
+        return Region(self.corners).contains(points)
 
 
 @dataclass(frozen=True)
@@ -165,14 +161,10 @@ class Patch:
         assert self.center is not None and self.radius is not None
         return self.center + ellipse_polygon([self.radius] * 2, 64)
 
-    @cached_property
-    def _region(self):
-        return Region(np.array(self.points))
-
     def contains(self, points: np.ndarray) -> np.ndarray:
         """(n,) which of the points (n, 2) lie in it."""
         if self.points is not None:
-            return self._region.contains(points)
+            return Region(self.corners).contains(points)
         return np.linalg.norm(points - np.asarray(self.center), axis=1) <= self.radius
 
 
