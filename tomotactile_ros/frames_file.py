@@ -230,8 +230,7 @@ def _opened(path, name: str, most: int) -> Iterator[tuple[IO[bytes], tuple | Non
             yield io.BytesIO(), None
             return
         with archive.open(f"{name}.npy") as member:
-            version = np.lib.format.read_magic(member)
-            yield member, _header_reader(version)(member)
+            yield member, _header(member)
 
 
 def _check_sizes(path: str | os.PathLike, file: IO[bytes], most: int) -> None:
@@ -258,18 +257,17 @@ def _check_sizes(path: str | os.PathLike, file: IO[bytes], most: int) -> None:
 
 def _declared_bytes(header: bytes) -> int | None:
     """Size of the array that begins so; None where it is no array."""
-    stream = io.BytesIO(header)
     if header[:6] != b"\x93NUMPY":
         return None
-    shape, _, dtype = _header_reader(np.lib.format.read_magic(stream))(stream)
+    shape, _, dtype = _header(io.BytesIO(header))
     return math.prod(shape) * dtype.itemsize
 
 
-def _header_reader(version: tuple[int, int]) -> Callable[[IO[bytes]], tuple]:
-    """What reads shape, order and type of an array of this version of the format."""
-    if version == (1, 0):
-        return np.lib.format.read_array_header_1_0
-    return np.lib.format.read_array_header_2_0
+def _header(stream: IO[bytes]) -> tuple:
+    """Shape, order and type of the array that begins there."""
+    if np.lib.format.read_magic(stream) == (1, 0):
+        return np.lib.format.read_array_header_1_0(stream)
+    return np.lib.format.read_array_header_2_0(stream)
 
 
 def contacts_of(path: str | os.PathLike, key: str, text: object) -> list[list[dict]]:

@@ -45,17 +45,9 @@ class SerialDevice(LineDevice):
         See `tomotactile_ros.devices.line.find_port`.
     electrodes : int
         Electrodes of the layout; a device with another number is refused.
-    baud : int
-        Bit rate, for ports that have one.
-    rate : float
-        Wanted frames/s; 0 leaves the device's own rate.
-    partial_frames : bool
-        Deliver incomplete frames with NaN rows, instead of dropping them.
-    address : int
-        Of the device, on a bus (version 2): it is asked for frames one by one; 0: it has none.
-    capture : str
-        A file for all that comes from the line and from the clock, see
-        `tomotactile_ros.devices.capture`; none if empty.
+    baud, rate, partial_frames, address, capture
+        As of `tomotactile_ros.devices.DeviceSettings`. Missing rows are NaN; on a bus the device is
+        asked for frames one by one.
     opener : callable
         How a port is opened; for tests.
 

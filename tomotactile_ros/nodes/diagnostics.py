@@ -18,12 +18,7 @@ from rclpy.node import Node
 from tomotactile_ros.devices.health import Trouble
 from tomotactile_ros.nodes.stopping import unless_stopped
 
-OK, WARN, ERROR, STALE = (
-    DiagnosticStatus.OK,
-    DiagnosticStatus.WARN,
-    DiagnosticStatus.ERROR,
-    DiagnosticStatus.STALE,
-)
+OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
 
 @dataclass
