@@ -204,3 +204,13 @@ def mistake(capsys, tmp_path, monkeypatch):
         return line
 
     return say
+
+
+@pytest.fixture
+def reference_model():
+    """Skips where there is no reference model."""
+    pytest.importorskip("skfem")
+    try:
+        import gmsh  # noqa: F401
+    except (ImportError, OSError) as error:
+        pytest.skip(f"no Gmsh: {error}")

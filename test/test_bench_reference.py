@@ -18,11 +18,7 @@ from tomotactile_ros.sheet.fem import FemSheet
 from tomotactile_ros.sheet.voltages import frame
 from tomotactile_ros.support.errors import InputError
 
-pytest.importorskip("skfem")
-try:
-    import gmsh  # noqa: F401
-except (ImportError, OSError) as error:
-    pytest.skip(f"no Gmsh: {error}", allow_module_level=True)
+pytestmark = pytest.mark.usefixtures("reference_model")
 
 DRIVE = 3.3
 GRID = equal_grid(3, 3, (0.1, 0.1), 0.0025, 1e4, inset=0.01)

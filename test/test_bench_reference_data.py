@@ -41,15 +41,6 @@ def test_a_file_holds_its_family(name):
         assert (frame[off] > 0).all() and (frame[off] < 3.3).all()
 
 
-@pytest.fixture
-def reference_model():
-    pytest.importorskip("skfem")
-    try:
-        import gmsh  # noqa: F401
-    except (ImportError, OSError) as error:
-        pytest.skip(f"no Gmsh: {error}")
-
-
 def test_made_again_and_through_a_file(tmp_path, reference_model):
     whole = family("textbook-4x4")
     solved(replace(whole, states=whole.states[:2])).save(tmp_path / "two.npz")

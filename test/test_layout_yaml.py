@@ -149,14 +149,16 @@ def test_every_layout_survives_its_file(
     provenance = {"algorithm": "équalize", "metrics": {"hwhm": [0.1, np.float64(0.2)]}, "n": 3}
     layout = Layout("any", outline, sheet_resistance, 1e-3 * half, positions, provenance, surface)
     if tolerant:
-        layout = replace(layout, tolerance=Tolerance(outline=2e-2 * half, places=5e-3 * half))
+        tolerance = Tolerance(outline=2e-2 * half, places=5e-3 * half)
+        layout = replace(layout, tolerance=tolerance, scan=(1, 0, 1))
     path = tmp_path_factory.mktemp("layout") / "any.yaml"
     layout.save(path)
     with warnings.catch_warnings():  # of a sheet resistance that may be in kohm/sq
         warnings.simplefilter("ignore", Doubt)
         again = load_layout(path)
-    for key in ("name", "sheet_resistance", "radius", "surface", "tolerance", "id"):
+    for key in ("name", "sheet_resistance", "radius", "surface", "tolerance", "id", "scan"):
         assert getattr(again, key) == getattr(layout, key), key
+    assert again.grounded.tolist() == ([1, 0, 1] if tolerant else list(range(len(positions))))
     np.testing.assert_array_equal(again.positions, layout.positions)
     assert again.outline.kind == outline.kind
     np.testing.assert_array_equal(again.outline.shell, outline.shell)
@@ -184,6 +186,7 @@ def test_the_id_tells_layouts_of_one_name_apart():
         {"surface": Cylinder(1.0)},
         {"provenance": {"n": 1}},
         {"tolerance": Tolerance(1e-3)},
+        {"scan": (3, 0, 3)},
     ):
         assert replace(layout, **same).id == layout.id
 

@@ -20,15 +20,6 @@ GRID = equal_grid(4, 4, (0.2, 0.2), 0.005, 1e4, name="grid")
 SMALL = equal_grid(2, 3, (0.2, 0.2), 0.005, 1e4)
 
 
-def test_the_file_keeps_the_order_and_the_geometry_its_id(tmp_path):
-    scanned = replace(GRID, scan=(3, 0, 3))
-    scanned.save(tmp_path / "scanned.yaml")
-    found = load_layout(tmp_path / "scanned.yaml")
-    assert found.scan == (3, 0, 3) and found.grounded.tolist() == [3, 0, 3]
-    assert found.id == GRID.id and GRID.grounded.tolist() == list(range(16))
-    assert Simulator(found, Scene("idle", 3.3)).frame(0.0).shape == (3, 16)
-
-
 JUMPING = spread(SMALL.positions, range(E))
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from contacts_support import DRIVE, disc, sensor
 
+from tomotactile_ros.bench.reference import ReferenceSheet, reference_frame
 from tomotactile_ros.layouts.layout import Layout, equal_grid, load_layout
 from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.scenes.defects import Defects
@@ -109,15 +110,8 @@ def test_lines_alone_change_nothing():
         (SheetField(anisotropy=Anisotropy(1.5, 30.0)), SheetVariation(0.2, 0.03, 1)),
     ],
 )
-def test_against_the_reference_model(field, variation):
+def test_against_the_reference_model(reference_model, field, variation):
     """As good as on an even sheet (5 mV), where the defect shifts readings by ten times as much."""
-    pytest.importorskip("skfem")
-    try:
-        import gmsh  # noqa: F401
-    except (ImportError, OSError) as error:
-        pytest.skip(f"no Gmsh: {error}")
-    from tomotactile_ros.bench.reference import ReferenceSheet, reference_frame
-
     lines = [(line, 1.5e-3) for line in field.rims()]
     sheet = ReferenceSheet(GRID, conductance_of(GRID, field, variation), h=0.003, lines=lines)
     expected = reference_frame(sheet.solve([(disc(0.013, 0.021, 0.005), 2.0)]), DRIVE)
