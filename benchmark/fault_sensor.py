@@ -119,8 +119,8 @@ class Judge:
         known = np.isfinite(begin)
         return (arrival - begin)[known], (stamp - begin)[known]
 
-    def wait_for_frame(self, patience: float = WAIT) -> float:
+    def wait_for_frame(self) -> float:
         """Wait for the next frame; the s it took, inf where none came."""
         begin = time.monotonic()
         self.arrived.clear()
-        return time.monotonic() - begin if self.arrived.wait(patience) else np.inf
+        return time.monotonic() - begin if self.arrived.wait(WAIT) else np.inf

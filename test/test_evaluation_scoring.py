@@ -64,23 +64,22 @@ def test_who_is_whose(reported, truth, expected, places):
     assert places is None or sorted(found.place) == pytest.approx(places)
 
 
-@pytest.mark.parametrize("order", [1, 2])
-def test_ospa_is_the_least_over_all_assignments(order):
+def test_ospa_is_the_least_over_all_assignments():
     """The definition, tried over all permutations (Schuhmacher et al. 2008, eq. 3)."""
-    random = np.random.default_rng(order)
+    random = np.random.default_rng(1)
     for _ in range(60):
         m, n = random.integers(0, 5, 2)
         one, other = random.uniform(0, 0.025, (m, 2)), random.uniform(0, 0.025, (n, 2))
-        found = score_frame([Found(*p) for p in one], [true(*p) for p in other], order=order)
+        found = score_frame([Found(*p) for p in one], [true(*p) for p in other])
         few, many = sorted((one, other), key=len)
         expected = 0.0
         if len(many):
             sums = [
-                sum(min(np.linalg.norm(p - many[k]), 0.01) ** order for p, k in zip(few, chosen))
+                sum(min(np.linalg.norm(p - many[k]), 0.01) for p, k in zip(few, chosen))
                 for chosen in permutations(range(len(many)), len(few))
             ]
-            rest = 0.01**order * (len(many) - len(few))
-            expected = ((min(sums) + rest) / len(many)) ** (1 / order)
+            rest = 0.01 * (len(many) - len(few))
+            expected = (min(sums) + rest) / len(many)
         assert found.ospa == pytest.approx(expected)
         assert found.missed == n - len(found.place)
         assert found.ghosts + found.doubled == m - len(found.place)

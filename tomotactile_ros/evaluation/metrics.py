@@ -74,10 +74,10 @@ def blur(images, positions, grid: Grid) -> np.ndarray:
     return np.sqrt(np.maximum(square, 0))
 
 
-def worst(values, part: float = 0.1) -> float:
-    """Mean of the largest `part` of the values."""
+def worst(values) -> float:
+    """Mean of the largest tenth of the values."""
     values = np.sort(np.ravel(values))
-    return float(values[-max(1, round(part * len(values))) :].mean())
+    return float(values[-max(1, round(0.1 * len(values))) :].mean())
 
 
 def statistics(values) -> dict[str, float]:

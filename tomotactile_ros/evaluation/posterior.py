@@ -202,16 +202,16 @@ class Expectation:
         slope = linear.fit.prediction.force_slope(0, self.conditions.law.exponent)[_DISC]
         return covariance[X : Y + 1, X : Y + 1], float(np.sqrt(slope @ covariance @ slope))
 
-    def separation(self, middle: np.ndarray, way: np.ndarray, grounded=None) -> float:
+    def separation(self, middle: np.ndarray, way: np.ndarray) -> float:
         """d' of two discs at `middle` +- `way` / 2 (m), each of half the pressure of one."""
         half = np.asarray(way, float) / 2
         together = self.pressed([middle + half, middle - half])
-        frame = self._prediction(together, grounded).readings
+        frame = self._prediction(together).readings
         wide = np.log(np.hypot(self.conditions.radius, np.linalg.norm(half)))
         one = np.array([*middle, 0.0, wide, 0.0, 0.0])
         strengths = together.contacts[:, CONDUCTANCE]
         given = sum(conductance(c, mean)[0] for c, mean in zip(strengths, together.mean))
-        linear = self._linear(_conducting(self._felt(one[None]), given), grounded, frame)
+        linear = self._linear(_conducting(self._felt(one[None]), given), readings=frame)
         step = np.linalg.solve(linear.normal, linear.right)
         taken = step @ linear.right + linear.beside
         return float(np.sqrt(max(linear.fit.cost - taken, 0.0)))
@@ -336,28 +336,23 @@ def expected(
     layout: Layout,
     conditions: Conditions | None = None,
     places: int = PLACES,
-    grounded: Sequence[int] | None = None,
-    operator: SheetOperator | None = None,
     pairs: int | None = None,
 ) -> Posterior:
     """Figures of contacts on a lattice of `places` along the longer side, off the electrodes'
     lattice.
 
-    grounded : (L,) rows of a frame; those of the layout's scan without it
     pairs : about so many pairs at most; None: one for every second place
 
     Raises InputError for conditions that cannot be.
     """
     checks.integer(places, "places", 2, 100)
-    expectation = Expectation(layout, conditions, operator)
+    expectation = Expectation(layout, conditions)
     how = expectation.conditions
     centres = lattice(layout, places, how.radius)
-    covariance, force = zip(*(expectation.covariance(centre, grounded) for centre in centres))
+    covariance, force = zip(*map(expectation.covariance, centres))
     step = 2 if pairs is None else max(2, len(centres) // pairs)
     middles, ways = pairs_about(layout, centres[::step], how.apart, how.radius)
-    separation = [
-        expectation.separation(middle, way, grounded) for middle, way in zip(middles, ways)
-    ]
+    separation = list(map(expectation.separation, middles, ways))
     return Posterior(
         how, centres, np.array(covariance), np.array(force), middles, np.array(separation)
     )

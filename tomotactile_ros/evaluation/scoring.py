@@ -1,14 +1,14 @@
 """Reported contacts against true ones in many frames: ghosts and misses beside places and forces.
 
-In every frame reported contacts are paired with true ones so that the sum of min(distance, 10 mm)^p
-is least (p = 1); what is 10 mm apart or more is no pair. Then
+In every frame reported contacts are paired with true ones so that the sum of min(distance, 10 mm) is
+least; what is 10 mm apart or more is no pair. Then
 
 weak      reported, but below 0.02 N: counted, and otherwise as if it had not been reported
 ghost     reported, 10 mm or more from every true contact
 doubled   reported, not paired, but within 10 mm of a true contact that has its pair
 missed    true, without a pair
-OSPA      the distance between the two sets, optimal sub-pattern assignment of order p with the
-          cut-off c = 10 mm: ((sum over pairs of distance^p + c^p (n - pairs)) / n)^(1/p), n the
+OSPA      the distance between the two sets, optimal sub-pattern assignment of order 1 with the
+          cut-off c = 10 mm: (sum over pairs of distance + c (n - pairs)) / n, n the
           larger number of contacts. A frame with nothing on either side has 0, a frame with nothing
           on one side c: places, ghosts and misses in one figure. Schuhmacher, Vo and Vo: A
           consistent metric for performance evaluation of multi-object filters, IEEE Trans. Signal
@@ -61,9 +61,7 @@ class FrameScore:
     force_covered: np.ndarray
 
 
-def score_frame(
-    contacts: Sequence, truth: Sequence[dict], *, reach: float = REACH, order: int = 1
-) -> FrameScore:
+def score_frame(contacts: Sequence, truth: Sequence[dict], *, reach: float = REACH) -> FrameScore:
     """Score the contacts that were reported for one frame.
 
     Parameters
@@ -73,13 +71,12 @@ def score_frame(
     truth : x, y, force (None where it is not known) of each, as `Scene.truth` gives them;
         "part": True for what is there for a part of the frame only.
     reach : cut-off, m.
-    order : p, 1 or 2.
     """
     strong = [contact for contact in contacts if contact.force >= LEAST_FORCE]
     found = np.array([(c.x, c.y) for c in strong], float).reshape(-1, 2)
     true = np.array([(t["x"], t["y"]) for t in truth], float).reshape(-1, 2)
     distance = np.nan_to_num(np.linalg.norm(found[:, None] - true, axis=2), nan=np.inf)
-    pairs = assign(distance, reach, order)
+    pairs = assign(distance, reach)
     alone = np.ones(len(strong), bool)
     alone[[i for i, _ in pairs]] = False
     far = (distance >= reach).all(axis=1)
@@ -95,16 +92,15 @@ def score_frame(
         weak=len(contacts) - len(strong),
         place=place,
         force=_force_errors(kept),
-        ospa=_ospa(place, len(strong), len(met | needed), reach, order),
+        ospa=_ospa(place, len(strong), len(met | needed), reach),
         place_covered=_places_covered(kept),
         force_covered=_forces_covered(kept),
     )
 
 
-def assign(distance: np.ndarray, reach: float = REACH, order: int = 1) -> list[tuple[int, int]]:
-    """Pairs (row, column) with the least sum of min(distance, reach)^order, those below `reach`."""
-    cost = np.minimum(distance, reach) ** order
-    pairs = zip(*linear_sum_assignment(cost), strict=True)
+def assign(distance: np.ndarray, reach: float = REACH) -> list[tuple[int, int]]:
+    """Pairs (row, column) with the least sum of min(distance, reach), those below `reach`."""
+    pairs = zip(*linear_sum_assignment(np.minimum(distance, reach)), strict=True)
     return [(int(i), int(j)) for i, j in pairs if distance[i, j] < reach]
 
 
@@ -168,12 +164,9 @@ def _is_needed(true):
     return not true.get(PART) and (true["force"] is None or true["force"] >= LEAST_FORCE)
 
 
-def _ospa(place, reported, there, reach, order):
+def _ospa(place, reported, there, reach):
     larger = max(reported, there)
-    if not larger:
-        return 0.0
-    total = (place**order).sum() + reach**order * (larger - len(place))
-    return float((total / larger) ** (1 / order))
+    return float(place.sum() + reach * (larger - len(place))) / larger if larger else 0.0
 
 
 def _force_errors(pairs):
