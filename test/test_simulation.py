@@ -107,11 +107,11 @@ def test_hum_follows_the_rows_and_drift_the_electrodes():
 def test_variation_of_the_sheet():
     field = SheetVariation(0.2, 0.05, seed=3)
     where = np.random.default_rng(0).random((20000, 2)) * 20
-    values = random_sheet(field, 1e4)(where)
+    values = 1e4 * random_sheet(field)(where)
     assert values.min() > 0
     assert values.mean() == pytest.approx(1e4, rel=0.03)
     assert values.std() / values.mean() == pytest.approx(0.2, rel=0.1)
-    near = random_sheet(field, 1e4)(where + [0.05, 0.0])
+    near = 1e4 * random_sheet(field)(where + [0.05, 0.0])
     logs = np.log(values), np.log(near)
     assert np.corrcoef(*logs)[0, 1] == pytest.approx(np.exp(-0.5), abs=0.05)
     uneven = simulator(model="fem", defects=Defects(sheet_variation=field)).frame(0.0)

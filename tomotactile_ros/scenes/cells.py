@@ -42,7 +42,7 @@ def unit_disc_patches(across: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Patches of the unit disc, ``across`` to its width: points (Q, 2), areas and radii (Q,)."""
     spacing = np.ptp(regular_polygon(1.0), axis=0).max() / across
     cells, areas = unit_disc_cells(cells_along(2.0, spacing))
-    return join(*disc_rim(1.0, spacing), cells, areas, spacing)
+    return join(*disc_rim(spacing), cells, areas, spacing)
 
 
 @lru_cache(maxsize=64)

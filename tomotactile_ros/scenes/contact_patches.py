@@ -18,12 +18,11 @@ STRIP = 1 / 16  # width of the strip that the points on a rim stand for, in part
 _CORNER = 0.2  # rad, turns of a rim that patches keep apart
 
 
-def disc_rim(radius: float, spacing: float) -> tuple[np.ndarray, np.ndarray]:
-    """Points (P, 2) on a circle about the origin, symmetric, and the length (P,) of each, m."""
-    count = 4 * math.ceil(2 * np.pi * radius / spacing / 4)
+def disc_rim(spacing: float) -> tuple[np.ndarray, np.ndarray]:
+    """Points (P, 2) on the unit circle, symmetric, and the length (P,) of each."""
+    count = 4 * math.ceil(2 * np.pi / spacing / 4)
     angle = 2 * np.pi * (np.arange(count) + 0.5) / count
-    rim = radius * np.column_stack([np.cos(angle), np.sin(angle)])
-    return rim, np.full(count, 2 * np.pi * radius / count)
+    return np.column_stack([np.cos(angle), np.sin(angle)]), np.full(count, 2 * np.pi / count)
 
 
 def rim_of(vertices: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray]:

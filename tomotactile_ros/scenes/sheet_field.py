@@ -244,7 +244,7 @@ def resistance_of(
     """
     factors: list[Field] = []
     if variation is not None and variation.relative > 0:
-        factors.append(random_sheet(variation, 1.0))
+        factors.append(random_sheet(variation))
     if field.gradient is not None and field.gradient.relative:
         factors.append(_gradient(field.gradient, layout))
     factors += [_within(patch, patch.factor) for patch in field.patches]
@@ -277,8 +277,8 @@ def conductance_of(
     return conductance
 
 
-def random_sheet(variation: SheetVariation, sheet_resistance: float) -> Field:
-    """Sheet resistance (ohm/sq) at points (n, 2): log-normal with the given mean.
+def random_sheet(variation: SheetVariation) -> Field:
+    """Sheet resistance at points (n, 2) in parts of the mean: log-normal.
 
     Its logarithm is a Gaussian field with covariance exp(-d^2 / (2 length^2)), as a sum of waves
     with random directions, lengths and phases: the same field at every point of every mesh.
@@ -290,7 +290,7 @@ def random_sheet(variation: SheetVariation, sheet_resistance: float) -> Field:
 
     def resistance(points):
         field = np.cos(points @ waves.T + phases).sum(axis=1) * np.sqrt(2 / _WAVES)
-        return sheet_resistance * np.exp(spread * field - spread**2 / 2)
+        return np.exp(spread * field - spread**2 / 2)
 
     return resistance
 

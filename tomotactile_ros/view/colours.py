@@ -29,14 +29,6 @@ def palette() -> np.ndarray:
     return np.round(255 * colormaps["viridis"](np.arange(256))[:, :3]).astype(np.uint8)
 
 
-def full_scale(pressure: np.ndarray, fixed: float, least: float) -> float:
-    """Pressure of the brightest colour, Pa: the fixed one, or the image's peak if that is 0.
-
-    An automatic scale never falls below `least`, so that noise alone is not blown up.
-    """
-    return fixed if fixed > 0 else max(least, float(np.nanmax(pressure, initial=0.0)))
-
-
 class SteadyScale:
     """Full scale of a live picture: 1, 2 or 5 times a power of ten, at least `least`, Pa.
 

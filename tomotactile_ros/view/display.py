@@ -15,7 +15,7 @@ from tomotactile_ros.layouts.grid import Grid
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.reconstruction.settings import Settings
 from tomotactile_ros.scenes.scene import Scene
-from tomotactile_ros.view.colours import LEAST_CONDUCTANCE, LEAST_PRESSURE, SteadyScale, full_scale
+from tomotactile_ros.view.colours import LEAST_CONDUCTANCE, LEAST_PRESSURE, SteadyScale
 from tomotactile_ros.view.contact_lines import (
     contact_lines,
     fault_lines,
@@ -187,8 +187,7 @@ class Display:
         if not self._calibrated:
             contacts.append(fitting([_UNCALIBRATED], width))
         pressure = self._image(shot)
-        peak = full_scale(pressure, 0.0, 0.0)
-        scale = self._scale(peak, time.monotonic())
+        scale = self._scale(float(np.nanmax(pressure, initial=0.0)), time.monotonic())
         numbers = numbers_of(shot.contacts, shot.complete)
         image = picture(
             pressure,

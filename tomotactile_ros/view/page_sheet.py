@@ -19,7 +19,6 @@ from tomotactile_ros.view.colours import (
     LEAST_PRESSURE,
     SteadyScale,
     colour,
-    full_scale,
     named,
     palette,
 )
@@ -248,7 +247,7 @@ class Sheet:
             values = np.zeros(len(self.cells))
         else:
             values = image[self.inside]
-        scale = self._scale(full_scale(values, 0.0, 0.0), now)
+        scale = self._scale(float(np.nanmax(values, initial=0.0)), now)
         _put(self.tiles, batched_colors=linear(colour(values, scale)))
         return scale
 
