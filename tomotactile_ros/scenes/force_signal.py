@@ -1,6 +1,6 @@
 """A force in the course of time, in parts of its nominal value, piece by piece.
 
-Each piece is a + b s + A sin(w s + phi), s since its beginning. So what a memory needs of the past
+Each piece is a + b s + A sin(w s), s since its beginning. So what a memory needs of the past
 is known without steps in time: the turning points (for hysteresis) and the exact answer of a
 first-order lag, z' = (f - z) / tau (for creep).
 """
@@ -13,18 +13,17 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Piece:
-    """``offset + slope s + amplitude sin(rate s + phase)`` for ``duration`` s."""
+    """``offset + slope s + amplitude sin(rate s)`` for ``duration`` s."""
 
     duration: float
     offset: float = 0.0
     slope: float = 0.0
     amplitude: float = 0.0
     rate: float = 0.0  # rad/s
-    phase: float = 0.0  # rad
 
     def value(self, s: float) -> float:
         """At ``s`` seconds after the beginning of the piece."""
-        wave = self.amplitude * math.sin(self.rate * s + self.phase) if self.amplitude else 0.0
+        wave = self.amplitude * math.sin(self.rate * s) if self.amplitude else 0.0
         return self.offset + self.slope * s + wave
 
     def turns(self, s: float) -> list[float]:
@@ -32,7 +31,7 @@ class Piece:
         found = [self.value(0.0)]
         if self.amplitude:
             half = math.pi / self.rate
-            at = ((0.5 * math.pi - self.phase) / self.rate) % half
+            at = 0.5 * half
             while at < s:
                 found.append(self.value(at))
                 at += half
@@ -46,7 +45,7 @@ class Piece:
         """The lag's answer once its beginning is forgotten."""
         answer = self.offset + self.slope * (s - tau)
         if self.amplitude:
-            angle, slow = self.rate * s + self.phase, self.rate * tau
+            angle, slow = self.rate * s, self.rate * tau
             answer += self.amplitude * (math.sin(angle) - slow * math.cos(angle)) / (1 + slow**2)
         return answer
 
