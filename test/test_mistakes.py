@@ -131,25 +131,7 @@ def test_frames_of_a_device_in_another_unit(scale, meant):
     assert result.reason.startswith("readings up to") and meant in result.reason
 
 
-def layout_file(tmp_path, **changes):
-    electrodes = {"radius": 0.0025, "positions": [[-0.1, 0.0], [0.1, 0.0], [0.14, 0.08]]}
-    content = {
-        "format": "tomotactile-layout/1",
-        "name": "own",
-        "outline": {"rectangle": [0.3, 0.18]},
-        "sheet_resistance": 10000.0,
-        "electrodes": electrodes | changes.pop("electrodes", {}),
-        **changes,
-    }
-    (tmp_path / "own.yaml").write_text(yaml.safe_dump(content))
-    return tmp_path / "own.yaml"
-
-
-IN_MM = {"rectangle": [300.0, 180.0]}
-
-
 def test_millimetres_elsewhere(tmp_path, mistake):
-    assert load_layout(layout_file(tmp_path, outline=IN_MM, unusual_size=True)).electrodes == 3
     words = ["layout", "--rows", "2", "--cols", "3", "--size", "300", "180"]
     words += ["--out", str(tmp_path / "large.yaml")]
     assert "a sheet of 300 m x 180 m" in mistake(words)
@@ -188,9 +170,9 @@ def test_radii_in_millimetres_in_python():
 
 
 def test_sheet_resistance_in_kilo_ohms(tmp_path, capsys):
-    path = layout_file(tmp_path, sheet_resistance=10)
+    path = tmp_path / "own.yaml"
     with pytest.warns(Doubt, match="was 10 kohm/sq meant\\? That is 10000"):
-        load_layout(path)
+        equal_grid(2, 2, (0.3, 0.18), 0.0025, 10.0).save(path)
     assert cli.main(["inspect", str(path)]) == 0
     line = capsys.readouterr().err.strip()
     assert line.startswith("tomotactile inspect: ") and "10 ohm/sq is low" in line
