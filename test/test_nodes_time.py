@@ -10,6 +10,8 @@ pytest.importorskip("rclpy")
 
 import ros_checks
 from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.clock import ClockType, ROSClock
+from rclpy.time import Time
 from ros_support import ends_cleanly
 from rosgraph_msgs.msg import Clock
 
@@ -37,25 +39,9 @@ class SimulatedClock:
             self._publisher.publish(message)
 
 
-class SteppedClock:
-    """A clock of a node that goes on when it is told."""
-
-    ros_time_is_active, ns = True, 0
-
-    def now(self):
-        return SimpleNamespace(nanoseconds=self.ns)
-
-    def create_jump_callback(self, threshold, *, pre_callback, post_callback):
-        self._pre, self._post = pre_callback, post_callback
-
-    def go(self, to):
-        self._pre()
-        self.ns = int(to * 1e9)
-        self._post(None)
-
-
 def test_time_is_set_by_a_step_out_of_turn_and_not_by_each_of_a_fast_simulation():
-    clock = SteppedClock()
+    clock = ROSClock()
+    clock._set_ros_time_is_active(True)
     time_there = NodeTime(SimpleNamespace(get_clock=lambda: clock))
     for to, since in (
         (100, 100),
@@ -65,7 +51,7 @@ def test_time_is_set_by_a_step_out_of_turn_and_not_by_each_of_a_fast_simulation(
         (5000.01, 5000),
         (50, 50),
     ):
-        clock.go(to)
+        clock.set_ros_time_override(Time(seconds=to, clock_type=ClockType.ROS_TIME))
         assert time_there.since() == since
 
 
