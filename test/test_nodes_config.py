@@ -9,7 +9,6 @@ import pytest
 rclpy = pytest.importorskip("rclpy")
 
 import yaml
-from diagnostic_msgs.msg import DiagnosticArray
 
 from tomotactile_ros.nodes import driver, optimizer, reconstruction
 from tomotactile_ros.nodes.reconstruction_parameters import OF_THE_NODE, settings_of
@@ -71,21 +70,6 @@ def test_every_parameter_of_the_reconstruction_is_a_setting_or_of_the_node():
             continue
         changes = settings_of(values) != settings_of(defaults)
         assert changes, f"{spec.name}: name a field of Settings like it, or add it to OF_THE_NODE"
-
-
-def test_the_aggregator_finds_each_status_in_one_group(probe, start):
-    content = yaml.safe_load((CONFIG / "diagnostics.yaml").read_text("utf-8"))
-    groups = [g for g in content["/**/analyzers"]["ros__parameters"].values() if g != "Tactile"]
-    start("tactile", {"scene": "idle"}, namespace="/skin")
-    start("skin", {"sensors": "[skin]", "poses": CONFIG / "poses" / "two_sensors.yaml"})
-    reports = probe.listen(DiagnosticArray, "/diagnostics")
-
-    def names():
-        return {status.name for report in reports for status in report.status}
-
-    probe.until(lambda: len(names()) >= len(groups), "report of each node")
-    for name in names():
-        assert sum(any(part in name for part in group["contains"]) for group in groups) == 1
 
 
 def _row(spec) -> str:

@@ -1,4 +1,5 @@
-"""config/security/policy.xml: allows what the running nodes do, and nothing else."""
+"""config/security/policy.xml allows what the running nodes do, and nothing else; config/diagnostics.yaml has each
+of their statuses in one group."""
 
 from pathlib import Path
 from xml.etree import ElementTree
@@ -7,10 +8,13 @@ import pytest
 
 rclpy = pytest.importorskip("rclpy")
 
+import yaml
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import NodeNameNonExistentError
 from sensor_msgs.msg import Image
 
-POLICY = Path(__file__).resolve().parent.parent / "config" / "security" / "policy.xml"
+CONFIG = Path(__file__).resolve().parent.parent / "config"
+POLICY = CONFIG / "security" / "policy.xml"
 SOMETIMES = {  # by parameters and layout
     "/clock", "/parameter_events", "/sensor_state", "/surface", "/touches", "/tf", "/tf_static",
 }  # fmt: skip
@@ -24,15 +28,25 @@ def allowed(node: str, kind: str, what: str) -> set[str]:
     return {n.replace("~", f"/{node}") if n[0] in "~/" else f"/{n}" for n in names}
 
 
-def test_the_policy_allows_what_the_nodes_do_and_nothing_else(probe, start):
+def test_policy_and_aggregator_know_what_the_nodes_do_and_nothing_else(probe, start):
     small = {"layout": "equal-4x4"}
     start("driver", {"scene": "idle", **small})
     start("reconstruction", small)
-    poses = POLICY.parent.parent / "poses" / "two_sensors.yaml"
+    poses = CONFIG / "poses" / "two_sensors.yaml"
     start("skin", {"sensors": "[left, right]", "poses": poses})
+    reports = probe.listen(DiagnosticArray, "/diagnostics")
     probe.wait_for(Image, "/pressure")
     for node in ("driver", "reconstruction", "skin"):
         compare(probe, node)
+    content = yaml.safe_load((CONFIG / "diagnostics.yaml").read_text("utf-8"))
+    groups = [g for g in content["/**/analyzers"]["ros__parameters"].values() if g != "Tactile"]
+
+    def names():
+        return {status.name for report in reports for status in report.status}
+
+    probe.until(lambda: len(names()) >= len(groups), "report of each node")
+    for name in [*names(), *(f"skin/{name}" for name in names())]:  # also in a namespace
+        assert sum(any(part in name for part in group["contains"]) for group in groups) == 1
 
 
 def compare(probe, node):
