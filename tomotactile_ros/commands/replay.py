@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
+from contextlib import ExitStack
 
 from tomotactile_ros.devices.base import Frame
 from tomotactile_ros.devices.recording import frames_writer
@@ -24,31 +25,24 @@ def run(args: Namespace) -> None:
     if args.out:
         check_out(args.out, ".npz")
     layout = load_layout(args.layout) if args.layout else None
-    counted = _Counted()
-    if args.out is None:
-        device = relive(args.raw, counted)
-    else:
-        with frames_writer(args.out, layout.id if layout else None) as take:
+    count = 0
+    with ExitStack() as stack:
+        take = None
+        if args.out:
+            take = stack.enter_context(frames_writer(args.out, layout.id if layout else None))
 
-            def count_and_take(frame: Frame) -> None:
-                counted(frame)
+        def taken(frame: Frame) -> None:
+            nonlocal count
+            count += 1
+            if take is not None:
                 take(frame)
 
-            device = relive(args.raw, count_and_take)
+        device = relive(args.raw, taken)
     status = device.status()
     identity = device.identity
     who = identity.name
     if identity is not NOBODY:
         who += f" {identity.serial}, protocol {identity.version}"
-    print(f"{args.raw}: {who}, {counted.frames} frames" + (f" in {args.out}" if args.out else ""))
+    print(f"{args.raw}: {who}, {count} frames" + (f" in {args.out}" if args.out else ""))
     for name in ("packets", "packets_lost", "frames_incomplete", "frames_lost", "crc_errors"):
         print(f"  {name:<20}{status.counters[name]:>12.0f}")
-
-
-class _Counted:
-    """Counts frames."""
-
-    frames = 0
-
-    def __call__(self, frame: Frame) -> None:
-        self.frames += 1
