@@ -36,7 +36,6 @@ class RowsOfFrame:
     frame_time: int
     last_sample: int
     drive_voltage: float
-    missing: int
     row_period: float
     drive_span: float = 0.0
 
@@ -214,7 +213,6 @@ class FrameAssembler:
             frame_time,
             frame_time + int(self._ends.max()),
             self._drives[0],
-            self._missing,
             row_period(self._ends),
             max(self._drives) - min(self._drives),
         )
@@ -267,7 +265,6 @@ class RunAssembler:
             last.frame_time + self._begin,
             last.frame_time + int(ends.max()),
             drive_voltage,
-            0,
             row_period(np.maximum(ends - self._begin, 0)),
         )
 

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 
 from tomotactile_ros.devices.base import Frame, rows_of
-from tomotactile_ros.devices.line import Line, open_line
+from tomotactile_ros.devices.line import Line
 from tomotactile_ros.devices.line_device import SILENCE, SILENT_FRAMES, LineDevice
 from tomotactile_ros.devices.text import TextFrame, TextFrames, counts_of, volts_per_unit
 
@@ -21,7 +20,7 @@ class TextSerialDevice(LineDevice):
 
     Parameters
     ----------
-    port, electrodes, baud, opener
+    port, electrodes, baud
         As of `tomotactile_ros.devices.serial.SerialDevice`.
     text_format : str
         One of `tomotactile_ros.devices.text.FORMATS`.
@@ -42,9 +41,8 @@ class TextSerialDevice(LineDevice):
         *,
         baud: int = 115_200,
         rate: float = 0.0,
-        opener: Callable[[str, int], Line] = open_line,
     ) -> None:
-        super().__init__(port, electrodes, baud, rate, opener)
+        super().__init__(port, electrodes, baud, rate)
         self._drive_voltage = drive_voltage
         self._volts = volts_per_unit(text_format, drive_voltage)
         self._counts = counts_of(text_format)

@@ -37,18 +37,15 @@ def spread(positions: np.ndarray, chosen: Sequence[int]) -> list[int]:
 
 
 class AdaptiveOrder:
-    """Frames that look at known contacts most often.
+    """Frames that look at known contacts most often; positions (E, 2) of the electrodes, m.
 
-    Parameters
-    ----------
-    positions : (E, 2) of the electrodes, m
-    rows : of a frame; a quarter as many as there are electrodes, and 8 at least, without it
+    They have a quarter as many rows as there are electrodes, and 8 at least.
     """
 
-    def __init__(self, positions: np.ndarray, rows: int | None = None):
+    def __init__(self, positions: np.ndarray):
         self._positions = np.asarray(positions, float)
         electrodes = len(self._positions)
-        self._rows = min(rows or max(_FEWEST, electrodes // _PART), electrodes)
+        self._rows = min(max(_FEWEST, electrodes // _PART), electrodes)
         self._jumping = spread(self._positions, range(electrodes))
         self._next = 0  # of the jumping order
 
