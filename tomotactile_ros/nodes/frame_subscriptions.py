@@ -8,7 +8,7 @@ lies unread, and takes a processor for it (Fast DDS: one condition of a reader f
 """
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from typing import Any
 
@@ -23,16 +23,42 @@ from std_msgs.msg import Header
 from tomotactile_ros.devices import Frame
 from tomotactile_ros.devices.recording import frame_of
 from tomotactile_ros.msg import VoltageFrame
-from tomotactile_ros.nodes.conversions import stamp_of
-from tomotactile_ros.nodes.row_watch import fall_behind
+from tomotactile_ros.nodes.row_watch import LATE
 from tomotactile_ros.nodes.topics import SubscriptionEventCallbacks
 from tomotactile_ros.support.errors import InputError
 
 ROWS_DEPTH = 16  # messages of rows that may wait
 _PATIENCE = 0.1  # s after which the thread looks whether it is to end
 
+Item = tuple[Frame, str, Header]  # with its layout's id
 Accept = Callable[[Frame, str, Header], None]
+Take = Callable[[list[Item]], None]  # what has come, oldest first
 Refuse = Callable[[str], None]
+
+
+class Source:
+    """Frames or rows that a thread of its own takes, between `start` and `stop`."""
+
+    def __init__(self, name: str, take: Take):
+        self._name, self._take = name, take
+        self._stopped = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    def start(self) -> None:
+        """Begin; what has waited until now is of before."""
+        self._stopped.clear()
+        self._thread = threading.Thread(target=self._work, name=self._name, daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End it; nothing is taken any more afterwards."""
+        self._stopped.set()
+        if self._thread is not None:
+            self._thread.join()
+            self._thread = None
+
+    def _work(self) -> None:
+        raise NotImplementedError
 
 
 class _ByItself(ReentrantCallbackGroup):
@@ -42,14 +68,14 @@ class _ByItself(ReentrantCallbackGroup):
         return False
 
 
-class FrameSubscription:
-    """Listens to messages of frames between `start` and `stop`.
+class FrameSubscription(Source):
+    """Those of a topic.
 
     Parameters
     ----------
     node : the node that listens; topic : to what.
     depth : messages that may wait.
-    take : called with those that have come, oldest first.
+    take : called with those that have come; refuse : with the reason where a message holds no frame.
     incompatible : called with the policy by which a publisher's quality of service does not suit; None: nobody
         is told.
     """
@@ -59,12 +85,12 @@ class FrameSubscription:
         node: Node,
         topic: str,
         depth: int,
-        take: Callable[[list[VoltageFrame]], None],
+        take: Take,
+        refuse: Refuse,
         incompatible: Refuse | None = None,
     ):
-        self._node, self._topic, self._take = node, topic, take
-        self._stopped = threading.Event()
-        self._thread: threading.Thread | None = None
+        super().__init__(topic, take)
+        self._node, self._refuse = node, refuse
         if incompatible is None:
             events = SubscriptionEventCallbacks(use_default_callbacks=False)
         else:
@@ -85,20 +111,7 @@ class FrameSubscription:
             event_callbacks=events,
         )
 
-    def start(self) -> None:
-        """Begin to listen; what has waited until now is of before."""
-        self._stopped.clear()
-        self._thread = threading.Thread(target=self._listen, name=self._topic, daemon=True)
-        self._thread.start()
-
-    def stop(self) -> None:
-        """End it; nothing is called any more afterwards."""
-        self._stopped.set()
-        if self._thread is not None:
-            self._thread.join()
-            self._thread = None
-
-    def _listen(self) -> None:
+    def _work(self) -> None:
         try:
             self._serve()
         except Exception as error:  # noqa: BLE001 - of a stop, or a defect that must end the node
@@ -126,59 +139,48 @@ class FrameSubscription:
             for event, data in said:
                 if data is not None:
                     event.callback(data)
-            messages = _all(self._subscription)
-            if messages:
-                self._take(messages)
+            if items := list(self._items(_all(self._subscription))):
+                self._take(items)
+
+    def _items(self, messages: list[VoltageFrame]) -> Iterator[Item]:
+        for message in messages:
+            try:
+                yield frame_of(message), message.layout_id, message.header
+            except InputError as error:
+                self._refuse(str(error))
+
+
+def newest(accept: Accept) -> Take:
+    """Takes the last one: a late frame is dropped, not queued."""
+    return lambda items: accept(*items[-1])
+
+
+def in_turn(accept: Accept, skip: Callable[[int, int], None]) -> Take:
+    """Takes rows one after the other; `skip` is called with the number of a frame, and of its rows that are left out:
+    those of more than 20 ms before others that wait behind them, which would be late."""
+
+    def take(items: list[Item]) -> None:
+        for rows, *where in items:
+            if rows.stamp < items[-1][0].stamp - LATE:
+                skip(rows.sequence, len(rows.grounded))
+            else:
+                accept(rows, *where)
+
+    return take
 
 
 def of_frames(
     node: Node, accept: Accept, refuse: Refuse, incompatible: Refuse
 ) -> FrameSubscription:
-    """Listens to `voltage_frame`: a late frame is dropped, not queued.
-
-    Parameters
-    ----------
-    accept : called with each frame, its layout's id and its header.
-    refuse : called with the reason where a message holds no frame.
-    incompatible : as of `FrameSubscription`.
-    """
-
-    def take(messages: list[VoltageFrame]) -> None:
-        _give(messages[-1], accept, refuse)
-
-    return FrameSubscription(node, "voltage_frame", 1, take, incompatible)
+    """Listens to `voltage_frame`; `accept` is called with each frame, its layout's id and its header."""
+    return FrameSubscription(node, "voltage_frame", 1, newest(accept), refuse, incompatible)
 
 
 def of_rows(
     node: Node, accept: Accept, skip: Callable[[int, int], None], refuse: Refuse
 ) -> FrameSubscription:
-    """Listens to `voltage_rows`.
-
-    Parameters
-    ----------
-    accept, refuse : as of `of_frames`.
-    skip : called with the number of a frame, and of its rows that are left out: those of more than 20 ms
-        before others that wait behind them.
-    """
-
-    def take(messages: list[VoltageFrame]) -> None:
-        behind = fall_behind([stamp_of(each.header) for each in messages])
-        for message, left_out in zip(messages, behind, strict=True):
-            if left_out:
-                skip(message.sequence, len(message.grounded))
-            else:
-                _give(message, accept, refuse)
-
-    return FrameSubscription(node, "voltage_rows", ROWS_DEPTH, take)
-
-
-def _give(message: VoltageFrame, accept: Accept, refuse: Refuse) -> None:
-    try:
-        frame = frame_of(message)
-    except InputError as error:
-        refuse(str(error))
-    else:
-        accept(frame, message.layout_id, message.header)
+    """Listens to `voltage_rows`; `accept` as of `of_frames`, `skip` as of `in_turn`."""
+    return FrameSubscription(node, "voltage_rows", ROWS_DEPTH, in_turn(accept, skip), refuse)
 
 
 def _all(subscription: Subscription) -> list[VoltageFrame]:

@@ -4,6 +4,7 @@ contacts from row to row where rows come."""
 import sys
 import threading
 import time
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ from tomotactile_ros.nodes import diagnostics
 from tomotactile_ros.nodes.conditions import Conditions, Pace
 from tomotactile_ros.nodes.conversions import check_frame, later
 from tomotactile_ros.nodes.diagnostics import Diagnostics, Report
-from tomotactile_ros.nodes.frame_subscriptions import FrameSubscription, of_frames, of_rows
+from tomotactile_ros.nodes.frame_subscriptions import Source, of_frames, of_rows
 from tomotactile_ros.nodes.learning import Learning
 from tomotactile_ros.nodes.node_time import is_timeless, seconds_now, troubles_of_time
 from tomotactile_ros.nodes.outputs import Outputs
@@ -48,18 +49,11 @@ _LOOK = 0.25  # s between two looks whether contacts have grown old: an eighth o
 
 
 class Reconstruction(Part):
-    """What the reconstruction does, in whichever node it is put.
-
-    Parameters
-    ----------
-    node : the node.
-    subscribe : whether frames and rows come by their topics; otherwise they are handed to `accept`
-        and `accept_rows`.
-    """
+    """What the reconstruction does, in whichever node it is put."""
 
     name, specs = "reconstruction", SPECS
 
-    def __init__(self, node: Node, subscribe: bool = True):
+    def __init__(self, node: Node):
         super().__init__(node)
         self._lock = FairLock()  # guards the pipeline against frames from another thread
         self._rows_lock = threading.Lock()  # the same of rows, which do not wait for frames
@@ -79,13 +73,7 @@ class Reconstruction(Part):
         topic = node.resolve_topic_name("voltage_frame")
         self._watch = FrameWatch(node, topic)
         self._rows_topic = node.resolve_topic_name("voltage_rows")
-        self._subscriptions: list[FrameSubscription] = []
-        if subscribe:
-            incompatible, skip = self._watch.incompatible_qos, self._rows.watch.skip
-            self._subscriptions = [
-                of_frames(node, self.accept, self.refuse, incompatible),
-                of_rows(node, self.accept_rows, skip, self.refuse),
-            ]
+        self._sources = self._make_sources()
         self._taring = Taring(
             node,
             lambda: self.parameters.values,
@@ -105,6 +93,14 @@ class Reconstruction(Part):
         self._diagnostics = Diagnostics(node, "reconstruction", self._hardware_id, self.report)
         self.parameters.warn_of_typos()
 
+    def _make_sources(self) -> Sequence[Source]:
+        """Where frames and rows come from: their topics."""
+        incompatible, skip = self._watch.incompatible_qos, self._rows.watch.skip
+        return [
+            of_frames(self._node, self.accept, self.refuse, incompatible),
+            of_rows(self._node, self.accept_rows, skip, self.refuse),
+        ]
+
     def configure(self) -> None:
         """Read the layout and prepare the reconstruction."""
         layout = load_layout(self.parameters["layout"])
@@ -121,7 +117,7 @@ class Reconstruction(Part):
         with unless_stopped(self._node):
             self._outputs.begin()
         self._active = True
-        for each in self._subscriptions:
+        for each in self._sources:
             each.start()
 
     def deactivate(self) -> None:
@@ -133,7 +129,7 @@ class Reconstruction(Part):
         if self._node.context.ok():
             with unless_stopped(self._node):
                 self._outputs.take_back("the reconstruction was stopped")
-        for each in self._subscriptions:
+        for each in self._sources:
             each.stop()
         self._rows.stop()
         self._learning.stop()

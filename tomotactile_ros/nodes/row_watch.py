@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 from tomotactile_ros.devices.health import Recent, Trouble, late_of
 from tomotactile_ros.nodes.diagnostics import percentiles
@@ -12,11 +12,6 @@ _RESTART = 2**16  # frames: a number farther away is that of another start
 _SOME = 0.01  # of the rows
 LATE = 0.02  # s from a row to the contacts that hold for it
 _WINDOW = 10  # s
-
-
-def fall_behind(stamps: Sequence[float]) -> list[bool]:
-    """Which rows of those that wait, by their stamps, s, are left out: they would be late for the last ones."""
-    return [each < stamps[-1] - LATE for each in stamps]
 
 
 class RowWatch:
