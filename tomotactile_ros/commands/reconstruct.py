@@ -14,7 +14,7 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from tomotactile_ros.commands.tare import add_tare_argument, apply_tare
-from tomotactile_ros.devices.recording import open_recording
+from tomotactile_ros.devices.recording import load_recording
 from tomotactile_ros.frame import Frame
 from tomotactile_ros.frames_file import FramesFile, doubt_of
 from tomotactile_ros.layouts.layout import load_layout
@@ -87,7 +87,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> None:
     layout = load_layout(args.layout)
-    recorded = open_recording(args.frames, layout, args.drive_voltage, args.topic)
+    recorded = load_recording(args.frames, layout, args.drive_voltage, args.topic, stored=True)
     check_out(args.out, ".npz")
     law, of_law = law_of_recording(args.calibration, recorded)
     settings = Settings(

@@ -18,7 +18,7 @@ from tomotactile_ros.commands.reconstruct import law_of_recording, stamps_of_rec
 from tomotactile_ros.commands.run import add_chain_arguments, open_chain, shots
 from tomotactile_ros.commands.tare import apply_tare
 from tomotactile_ros.devices.health import late_of
-from tomotactile_ros.devices.recording import open_recording
+from tomotactile_ros.devices.recording import load_recording
 from tomotactile_ros.devices.stream import FrameStream
 from tomotactile_ros.frames_file import FramesFile
 from tomotactile_ros.layouts.layout import Layout, load_layout
@@ -75,7 +75,7 @@ def run(args: Namespace) -> None:
 
 
 def _show_recording(args: Namespace, layout: Layout) -> None:
-    recorded = open_recording(args.recording, layout)
+    recorded = load_recording(args.recording, layout, stored=True)
     law, of_law = law_of_recording(args.calibration, recorded)
     stamps, told = stamps_of_recording(recorded)
     pipeline = Pipeline(layout, Settings(args.profile, contact_law=law))

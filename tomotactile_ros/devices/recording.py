@@ -93,27 +93,17 @@ def load_recording(
     layout: Layout,
     drive_voltage: float | None = None,
     topic: str | None = None,
+    stored: bool = False,
 ) -> FramesFile:
     """All frames of a recording of a layout, for the commands; InputError for anything else.
 
     `drive_voltage` (V) stands for the recording's own, `topic` names one of a bag with several. The
-    frames of a bag must agree in their ground conditions and drive voltage.
+    frames of a bag must agree in their ground conditions and drive voltage. `stored` : any length, in
+    little memory: they are `StoredFrames`, without truth.
     """
     if Path(path).suffix == ".npz" and not topic:
-        return _driven(path, load_frames(path, layout.id), drive_voltage)
-    opened = open_recording(path, layout, drive_voltage, topic)
-    return replace(opened, voltages=np.array(list(opened.voltages)))
-
-
-def open_recording(
-    path: str | os.PathLike[str],
-    layout: Layout,
-    drive_voltage: float | None = None,
-    topic: str | None = None,
-) -> FramesFile:
-    """As `load_recording`, of any length in little memory: `StoredFrames`, and no truth."""
-    if Path(path).suffix == ".npz" and not topic:
-        return _driven(path, open_frames(path, layout.id), drive_voltage)
+        found = open_frames(path, layout.id) if stored else load_frames(path, layout.id)
+        return _driven(path, found, drive_voltage)
     read = partial(
         read_frames, path, electrodes=layout.electrodes, layout_id=layout.id, topic=topic
     )
@@ -124,10 +114,11 @@ def open_recording(
         _check_alike(path, frame, first, drive_voltage is None)
         stamps.append(frame.stamp)
         row_periods.append(frame.row_period)
+    voltages = StoredFrames(
+        lambda: (frame.voltages for frame in read()), (len(stamps), *first.voltages.shape)
+    )
     return FramesFile(
-        StoredFrames(
-            lambda: (frame.voltages for frame in read()), (len(stamps), *first.voltages.shape)
-        ),
+        voltages if stored else np.array(list(voltages)),
         first.grounded,
         first.drive_voltage if drive_voltage is None else drive_voltage,
         np.array(stamps),
