@@ -19,11 +19,9 @@ _LEARNED, _EXPECTED = "C0", "0.6"  # colours of channels
 
 def save_picture(path: str | os.PathLike, layout: Layout, learned: Learned) -> None:
     """Write the PNG: maps of the sheet on the left, gains, offsets and resistances on the right."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(13, 8.6), layout="constrained")
-    FigureCanvasAgg(figure)
     state = learned.state
     figure.suptitle(
         f"{layout.name}: learned from {findings.count(state.touches, 'touch', 'es')}, "

@@ -20,7 +20,6 @@ def save_fit(
 ) -> None:
     """Write a picture of presses of `forces` (n,), N, that had `conductances` (n,), S, over `areas`
     (n,), m^2, and of the law that was fitted to them."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
 
@@ -28,7 +27,6 @@ def save_fit(
     pressure, density = force / area, conductance / area
     found = law.pressure(density) * area
     figure = Figure(figsize=(10, 4.4), layout="constrained")
-    FigureCanvasAgg(figure)
     left, right = figure.subplots(1, 2)
     line = np.geomspace(pressure.min() / 1.5, pressure.max() * 1.5, 50)
     label = f"g = {law.coefficient:.3g} p^{law.exponent:.3g}"

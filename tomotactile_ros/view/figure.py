@@ -111,12 +111,10 @@ def pressure_figure(
     trails : (M, 2) m each, where contacts have been of late.
     complete : whether all was tried; else one contact may stand for all, drawn as a broken ring.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     xmin, ymin, xmax, ymax = (1e3 * side for side in layout.outline.bounds)
     figure = Figure(figsize=_size(xmax - xmin, ymax - ymin), layout="constrained")
-    FigureCanvasAgg(figure)
     axes = figure.add_subplot()
     values, least, label = pressure / 1e3, LEAST_PRESSURE / 1e3, "pressure / kPa"
     if not calibrated:
