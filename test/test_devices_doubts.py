@@ -102,7 +102,7 @@ class SlowWorld:
     def __init__(self, versions, speed, seconds, device_clock=float, answering=0.0):
         self.t, self._end, self._speed, self._answering = 0.0, seconds, speed, answering
         self.begun: dict[int, float] = {}
-        self._line: deque[bytes] = deque()  # on the way to the host
+        self._line = b""  # on the way to the host
         self._commands: deque[tuple[float, bytes]] = deque()
         self._room = 0.0
         settings = {"rate": RATE, "versions": versions, "clock": device_clock}
@@ -115,14 +115,13 @@ class SlowWorld:
     def _goes_on(self, seconds):
         self.t += seconds
         while self._commands and self._commands[0][0] <= self.t:
-            self._line.append(self.device.receive(self._commands.popleft()[1], self.t))
-        self._line.append(self.device.rows_due(self.t))
-        waiting = b"".join(self._line)
-        self._room = min(self._room + seconds * self._speed, max(len(waiting), 1.0))
-        count = int(self._room)
-        self._room -= min(count, len(waiting))
-        self._line = deque([waiting[count:]])
-        return waiting[:count]
+            self._line += self.device.receive(self._commands.popleft()[1], self.t)
+        self._line += self.device.rows_due(self.t)
+        self._room = min(self._room + seconds * self._speed, max(len(self._line), 1.0))
+        carried = self._line[: int(self._room)]
+        self._room -= len(carried)
+        self._line = self._line[len(carried) :]
+        return carried
 
     def now(self):
         return self.t

@@ -17,7 +17,6 @@ from visualization_msgs.msg import Marker
 
 from tomotactile_ros.devices import Frame
 from tomotactile_ros.devices.recording import frame_of
-from tomotactile_ros.layouts.grid import Grid
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.nodes import contact_messages, conversions
 from tomotactile_ros.nodes.markers import ContactMarkers, layout_markers
@@ -139,19 +138,6 @@ def test_contacts_survive_their_message(layout):
     ):
         np.testing.assert_allclose((touch.x, touch.y), (other.x, other.y), atol=1e-9)
         assert (touch.force, touch.radius) == pytest.approx((other.force, other.radius))
-
-
-def test_the_layout_message_says_where_cells_are_on_the_sheet_and_in_space():
-    grid = Grid.for_outline(LAYOUT.outline, 10)
-    message = round_trip(contact_messages.layout_to_message(CURVED, grid, HEADER))
-    assert (message.layout_id, message.surface) == (CURVED.id, "cylinder")
-    row, column = 3, 7
-    x = message.first_x + column * message.cell_width
-    y = message.first_y - row * message.cell_height
-    np.testing.assert_allclose((x, y), grid.centres[row * message.width + column])
-    cell = message.cells[row * message.width + column]
-    expected = CURVED.surface.to_3d([(x, y)])[0]
-    np.testing.assert_allclose((cell.x, cell.y, cell.z), expected, atol=1e-7)
 
 
 def test_markers_follow_their_contacts_and_are_deleted_with_them():

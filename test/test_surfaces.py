@@ -248,8 +248,11 @@ def test_on_the_mesh_contacts_markers_and_layout_agree(forearm):
 
     grid = Grid.for_outline(forearm.outline, 40)
     described = contact_messages.layout_to_message(forearm, grid, header)
-    cells = [xyz(cell) for cell in described.cells]
-    np.testing.assert_allclose(cells, [on_tube(*p) for p in grid.pixels], atol=2e-5)
+    assert (described.layout_id, described.surface) == (forearm.id, "mesh")
+    x = described.first_x + described.cell_width * np.arange(described.width)
+    y = described.first_y - described.cell_height * np.arange(described.height)
+    cells = [on_tube(across, up) for up in y for across in x]
+    np.testing.assert_allclose([xyz(cell) for cell in described.cells], cells, atol=2e-5)
     electrodes = [xyz(e) for e in described.electrodes]
     np.testing.assert_allclose(electrodes, [on_tube(*p) for p in forearm.positions], atol=2e-5)
     drawn = [m for m in layout_markers(forearm, header).markers if m.ns == "electrode"]
