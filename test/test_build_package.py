@@ -162,22 +162,6 @@ def test_every_message_is_generated():
     assert listed == {path.stem for path in (ROOT / "msg").glob("*.msg")} == set(MESSAGES)
 
 
-def test_installed_command_works_with_several_processes(tmp_path):
-    """Each worker loads the program's file anew and must not run it."""
-    pytest.importorskip("rclpy")
-    from ament_index_python.packages import get_package_prefix
-
-    program = Path(get_package_prefix("tomotactile_ros"), "lib", "tomotactile_ros", "tomotactile")
-    options = "--rows 2 --cols 2 --method free --starts 2 --steps 1 --resolution 6 --workers 2"
-    out = tmp_path / "layout.yaml"
-    done = subprocess.run(
-        [program, "optimize", *options.split(), "--out", out],
-        check=False, capture_output=True, text=True,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    assert out.exists()
-
-
 def test_the_lock_pins_every_requirement_with_hashes_and_names_no_host():
     lock = (ROOT / "scripts" / "requirements.lock").read_text(encoding="utf-8")
     assert "://" not in lock

@@ -64,9 +64,11 @@ def test_it_writes_the_layout_and_ends(start, tmp_path, parameters, electrodes, 
 
 
 def test_a_stop_ends_the_processes_of_the_search(probe, start, tmp_path):
+    """Which load the installed program's file anew, and do not run it."""
     out = tmp_path / "free.yaml"
     given = {"rows": 3, "cols": 3, "method": "free", "steps": 100000, "resolution": 6}
-    process = start("optimizer", {**given, "starts": 2, "workers": 2, "out": out})
+    given |= {"starts": 2, "workers": 2, "out": out}
+    process = start("optimizer", given, warm=False)
     probe.until(lambda: "step 1 of" in process.output, "first round")
     children = descendants(process.pid)
     assert len(children) >= 2
