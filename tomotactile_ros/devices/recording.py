@@ -5,8 +5,9 @@ Bags are read by `tomotactile_ros.devices.bag`.
 
 from __future__ import annotations
 
+import math
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -138,7 +139,7 @@ def _driven(path, found: FramesFile, drive_voltage: float | None) -> FramesFile:
 def save_recording(
     path: str | os.PathLike[str],
     layout: Layout,
-    frames: Sequence[Frame],
+    frames: Iterable[Frame],
     law: ContactLaw | None = None,
 ) -> None:
     """Write frames as `frames.npz`, of contacts with this law or with none that is known; InputError
@@ -277,7 +278,9 @@ def frames_writer(
         first.extend([frame][len(first) :])
         _check_alike(Path(path), frame, first[0])
         row_periods.append(frame.row_period)
-        writer.append(voltages=np.asarray(frame.voltages, np.float32), stamps=float(frame.stamp))
+        writer.append(voltages=np.asarray(frame.voltages, np.float32))
+        if math.isfinite(first[0].stamp):  # otherwise nobody knows the times of any
+            writer.append(stamps=float(frame.stamp))
 
     with npz_writer(path) as writer:
         yield take

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tomotactile_ros.devices.recording import check_unit
-from tomotactile_ros.frames_file import DEFAULT_DRIVE, FramesFile, save_arrays
+from tomotactile_ros.devices.recording import check_unit, save_recording
+from tomotactile_ros.frames_file import DEFAULT_DRIVE, FramesFile
 from tomotactile_ros.importer.axes import (
     USUAL,
     Arranged,
@@ -45,18 +45,7 @@ class Imported:
 
     def save(self, path: str | os.PathLike) -> None:
         """Write `frames.npz`."""
-        frames = self.frames
-        content = {
-            "voltages": np.asarray(frames.voltages, np.float32),
-            "grounded": frames.grounded,
-            "drive_voltage": frames.drive_voltage,
-            "row_period": frames.row_period,
-            "contact_law": np.empty(0),
-            "layout_id": self.layout.id,
-        }
-        if frames.stamps is not None:
-            content["stamps"] = frames.stamps
-        save_arrays(path, content)
+        save_recording(path, self.layout, self.frames)
 
 
 def import_frames(
