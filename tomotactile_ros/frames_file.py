@@ -162,12 +162,13 @@ def _file_of(path, arrays, voltages, layout_id) -> FramesFile:
             f"{rows} rows; voltages of shape {voltages.shape} are (frames, rows, electrodes), are the "
             "axes exchanged?"
         )
-    stamps, row_period = _stamps(path, arrays, len(voltages)), _row_period(path, arrays)
+    row_period = _number(path, arrays, "row_period", checks.not_negative, "time in s") or 0.0
+    stamps = _stamps(path, arrays, len(voltages))
     _check_times(path, stamps, row_period * rows)
     return FramesFile(
         voltages,
         grounded.astype(np.uint16),
-        _drive_voltage(path, arrays),
+        _number(path, arrays, "drive_voltage", checks.positive, "voltage in V"),
         stamps,
         contacts_of(path, "truth", arrays["truth"]) if "truth" in arrays else None,
         _contact_law(path, arrays),
@@ -329,18 +330,12 @@ def save_arrays(path: str | os.PathLike, content: dict) -> None:
     write_atomic(path, buffer.getvalue())
 
 
-def _drive_voltage(path: str | os.PathLike, arrays: dict[str, np.ndarray]) -> float | None:
-    if "drive_voltage" not in arrays:
+def _number(path, arrays, key: str, check: Callable[..., float], kind: str) -> float | None:
+    """The number of that name, checked; None where there is none."""
+    if key not in arrays:
         return None
-    (volts,) = _numbers(path, "drive_voltage", arrays["drive_voltage"], 1)
-    return checks.positive(volts, f"{path}: drive_voltage", "voltage in V")
-
-
-def _row_period(path: str | os.PathLike, arrays: dict[str, np.ndarray]) -> float:
-    if "row_period" not in arrays:
-        return 0.0
-    (seconds,) = _numbers(path, "row_period", arrays["row_period"], 1)
-    return checks.not_negative(seconds, f"{path}: row_period", "time in s")
+    (value,) = _numbers(path, key, arrays[key], 1)
+    return check(value, f"{path}: {key}", kind)
 
 
 def _check_times(path: str | os.PathLike, stamps: np.ndarray | None, lasts: float) -> None:
