@@ -15,6 +15,7 @@ import os
 import pickle
 import pkgutil
 import runpy
+import signal
 import socket
 import subprocess
 import sys
@@ -153,6 +154,7 @@ def _run(words) -> None:
 
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)  # it is ignored under nohup
     if not os.environ.get("PYTHONSAFEPATH"):
         del sys.path[0]  # the tests
     _run(_serve(socket.socket(fileno=int(sys.argv[1]))))
