@@ -41,11 +41,12 @@ settings.load_profile("slow")
 
 
 LONGEST = """
-    learning_live nodes_chain nodes_parameters estimation_shape estimation_search nodes_time
-    examples learning nodes_live nodes_optimizer reconstruction_pipeline reconstruction_faults view_page
-    estimation_rim nodes_serial nodes_kept bench_trade reconstruction_discs nodes_touches
-    nodes_refusal nodes_skin estimation_rows nodes_replay
-    optimizer_command optimizer_free devices_serial security_policy estimation_motion
+    learning_live nodes_chain nodes_parameters estimation_shape estimation_search estimation_rim
+    nodes_time examples learning nodes_live nodes_optimizer reconstruction_pipeline
+    reconstruction_faults view_page nodes_serial nodes_kept bench_trade reconstruction_discs
+    nodes_touches nodes_refusal nodes_skin estimation_rows nodes_replay optimizer_command optimizer_work
+    optimizer_touch optimizer_equalize optimizer_free devices_serial devices_doubts security_policy
+    estimation_motion
 """
 
 
