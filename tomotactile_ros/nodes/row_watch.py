@@ -29,9 +29,8 @@ class RowWatch:
         self._sequence: int | None = None
         self._whole = False  # whether the frame was seen from its beginning
         self._recent = Recent(_WINDOW, now)
-        self._latencies: deque[float] = deque(maxlen=1000)
-        self._arrivals: deque[float] = deque(maxlen=1000)  # s, of the same messages
-        self._durations: deque[float] = deque(maxlen=1000)
+        # of messages: when, s, how late, s of work for each row
+        self._messages: deque[tuple[float, float, float]] = deque(maxlen=1000)
 
     def frame_has(self, rows: int) -> None:
         """Note how many rows a whole frame has."""
@@ -47,9 +46,7 @@ class RowWatch:
         """Note rows that were followed: s from the last of them until now, s of work for them."""
         self.rows += rows
         self._recent.add(followed=rows, late=rows if latency > LATE else 0)
-        self._latencies.append(latency)
-        self._arrivals.append(self._now())
-        self._durations.append(duration / rows)
+        self._messages.append((self._now(), latency, duration / rows))
         self._count_up(sequence, rows)
 
     def troubles(self, publishers: int = 1, max_age: float = 0.0) -> list[Trouble]:
@@ -88,7 +85,7 @@ class RowWatch:
             "rows_lost": self.lost,
             "rows_skipped": self.skipped,
             "rows_per_second": self._recent.sums()["followed"] / self._span(),
-            **percentiles(row_latency=self._latencies, row_processing=self._durations),
+            **percentiles(self._messages, "row_latency", "row_processing"),
         }
 
     def _count_up(self, sequence: int, rows: int) -> None:
@@ -112,8 +109,7 @@ class RowWatch:
     def _older_than(self, age: float) -> float:
         """Part of the messages of the last 10 s whose rows were older than `age`, s."""
         since = self._now() - _WINDOW
-        pairs = zip(list(self._arrivals), list(self._latencies))
-        recent = [latency > age for when, latency in pairs if when >= since]
+        recent = [late > age for when, late, _ in list(self._messages) if when >= since]
         return sum(recent) / len(recent) if recent else 0.0
 
     def _span(self) -> float:

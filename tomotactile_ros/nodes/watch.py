@@ -37,10 +37,8 @@ class FrameWatch:
         self._topic = topic
         self._time = PassingTime(node)
         self._now = self._time.now
-        self._latencies: deque[float] = deque(maxlen=1000)
         # when, s, how old, s of work
         self._ages: deque[tuple[float, float, float]] = deque(maxlen=1000)
-        self._durations: deque[float] = deque(maxlen=1000)
         self._sequence: int | None = None
         self._stamp = -np.inf
         self.stamps_back = 0
@@ -89,9 +87,7 @@ class FrameWatch:
             cut=not complete,
         )
         self.processed += 1
-        self._latencies.append(latency)
         self._ages.append((self._now(), latency, duration))
-        self._durations.append(duration)
         self._since, self._incompatible = self._now(), ""
 
     def refuse(self, reason: str) -> None:
@@ -183,7 +179,7 @@ class FrameWatch:
             "stamps_back": self.stamps_back,
             "rate_wanted": (recent["processed"] + recent["missed"]) / self._span(),
             "rate_reached": recent["processed"] / self._span(),
-            **percentiles(latency=self._latencies, processing=self._durations),
+            **percentiles(self._ages, "latency", "processing"),
         }
 
     def _age(self) -> tuple[float, float]:
