@@ -28,19 +28,18 @@ class DeadChannels:
 
     def __init__(self, window: int = 64) -> None:
         self.dead: tuple[int, ...] = ()
-        self.highest = 0.0  # V, largest reading of the last frame, either way
-        self.span = 0.0  # V, from its lowest to its highest reading; NaN where it has none
         self._window = window
         self._constant: set[int] = set()
         self._frames = 0
         self._low = self._high = np.empty(0)  # V, of the window under way; empty before it
 
-    def update(self, voltages: np.ndarray, drive_voltage: float) -> None:
-        """Take in the readings (L, E) of one frame, V, NaN where invalid."""
+    def update(self, voltages: np.ndarray, drive_voltage: float) -> tuple[float, float]:
+        """Take in the readings (L, E) of one frame, V, NaN where invalid.
+
+        Returns the largest of them, either way, and from the lowest to the highest; NaN where there is none.
+        """
         low, high = np.fmin.reduce(voltages, axis=0), np.fmax.reduce(voltages, axis=0)
         highest, lowest = np.fmax.reduce(high), np.fmin.reduce(low)
-        self.highest = float(max(highest, -lowest))
-        self.span = float(highest - lowest)
         if self._low.shape != low.shape:
             self._low, self._high, self._frames = low, high, 0
         else:
@@ -50,6 +49,7 @@ class DeadChannels:
         if self._frames >= self._window:
             self._judge(drive_voltage)
             self._low = np.empty(0)
+        return float(max(highest, -lowest)), float(highest - lowest)
 
     def _judge(self, drive_voltage: float) -> None:
         span = self._high - self._low
@@ -144,8 +144,7 @@ class Health:
             self._age = 0.0 if last_sample is None else late
             self._latencies[self._frames % self._latencies.size] = late
             self._frames += 1
-        self.dead_channels.update(voltages, drive_voltage)
-        highest, span = self.dead_channels.highest, self.dead_channels.span
+        highest, span = self.dead_channels.update(voltages, drive_voltage)
         above = highest > self.ABOVE * drive_voltage
         flat = span < self.FLAT * drive_voltage and highest > self.PRESSED * drive_voltage
         # electronics that are tried without sheet (docs/build.md, step 2) read half of the drive all over
