@@ -145,6 +145,13 @@ class Simulator:
         """
         return self._measure(t, self.grounded, self.grounded[-1], sequence)
 
+    def scanned(
+        self, row_period: float, order: Sequence[int] | np.ndarray, t: float, sequence: int
+    ) -> np.ndarray:
+        """`frame` of an `order` of the scan and a `row_period`, s, that hold from now on."""
+        self.row_period, self.grounded = row_period, np.asarray(order)
+        return self.frame(t, sequence)
+
     def row(
         self, t: float, electrode: int, sequence: int = 0, before: int | None = None
     ) -> np.ndarray:

@@ -94,8 +94,7 @@ def _simulated(layout: Layout, scene_name: str | None, settings: dict) -> Emulat
     simulator = Simulator(layout, scene)
 
     def scan(t: float, sequence: int, order: np.ndarray) -> np.ndarray:
-        simulator.row_period, simulator.grounded = device.row_period, order
-        return simulator.frame(t, sequence)
+        return simulator.scanned(device.row_period, order, t, sequence)
 
     device = EmulatedDevice(
         scan,

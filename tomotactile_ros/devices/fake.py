@@ -185,9 +185,10 @@ class FakeDevice(Device):
             found = self._beside.frame(scan.row_period, scan.order, t, scan.sequence)
             if found is not None:
                 return found.astype(np.float32)
-        simulator.row_period, simulator.grounded = scan.row_period, np.array(scan.order)
         if last is None:
-            return simulator.frame(t, scan.sequence).astype(np.float32)
+            found = simulator.scanned(scan.row_period, scan.order, t, scan.sequence)
+            return found.astype(np.float32)
+        simulator.row_period, simulator.grounded = scan.row_period, np.array(scan.order)
         return simulator.rows(t, first, last, scan.sequence).astype(np.float32)
 
     def _in_runs(self, scan: _Scan, pool: ThreadPoolExecutor) -> np.ndarray:

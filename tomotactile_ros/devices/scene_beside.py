@@ -7,8 +7,6 @@ if it has ended, frames are simulated here.
 
 from __future__ import annotations
 
-import numpy as np
-
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.scenes.scene import Scene
 from tomotactile_ros.simulation import Simulator
@@ -16,25 +14,12 @@ from tomotactile_ros.support.beside import Process
 from tomotactile_ros.support.errors import InputError
 
 
-class Simulated:
-    """A simulator that is told with each frame how it is scanned; arguments are those of `Simulator`."""
-
-    def __init__(self, layout: Layout, scene: Scene, model: str):
-        self._simulator = Simulator(layout, scene, model)
-
-    def frame(self, row_period: float, order: tuple[int, ...], t: float, sequence: int):
-        """(L, E) V of a frame that begins at `t`, s, with `row_period`, s, from row to row of `order`."""
-        simulator = self._simulator
-        simulator.row_period, simulator.grounded = row_period, np.array(order)
-        return simulator.frame(t, sequence)
-
-
 class SceneBeside:
-    """The same in a process of its own, for one thread at a time."""
+    """A simulator in a process of its own, for one thread at a time; arguments are those of `Simulator`."""
 
     def __init__(self, layout: Layout, scene: Scene, model: str):
         self._given = layout, scene, model
-        self._process = Process(Simulated)
+        self._process = Process(Simulator)
 
     @property
     def pid(self) -> int | None:
@@ -54,10 +39,10 @@ class SceneBeside:
         self._process.stop()
 
     def frame(self, row_period: float, order: tuple[int, ...], t: float, sequence: int):
-        """`Simulated.frame`; None where the process is not there."""
+        """`Simulator.scanned`; None where the process is not there."""
         try:
             if self._process.runs and self._process.ready():
-                return self._process.ask("frame", row_period, order, t, sequence)
+                return self._process.ask("scanned", row_period, order, t, sequence)
         except (ConnectionError, InputError):  # what is wrong with a scene the own simulator says
             self.stop()
         return None
