@@ -128,7 +128,7 @@ def test_deviations_of_a_shape_whose_cells_begin_to_conduct():
         pipeline = pipeline or make_pipeline(layout)
         voltages = Simulator(layout, scene).frame(0.5, k)
         (found,) = pipeline.process(voltages, np.arange(layout.electrodes), DRIVE).contacts
-        assert max(found.position_covariance) < 1e-6 and found.force_std < 0.1 * found.force
+        assert max(found.position_covariance) < 1e-6 and found.force_std < 0.11 * found.force
 
 
 def test_a_ring_is_one_contact_after_an_untouched_frame():
@@ -204,7 +204,9 @@ def test_a_plate_that_is_nearly_a_bare_conductor_is_where_it_is(case):
         (found,) = result.contacts
         off = np.array([found.x - truth["x"], found.y - truth["y"]])
         assert np.hypot(*off) < 3e-3
-        assert not np.isfinite(found.force_std) and found.force < truth["force"]
+        known = np.isfinite(found.force_std)
+        assert abs(found.force - truth["force"]) < 2 * found.force_std
+        assert found.force_std > 0.4 * found.force if known else found.force < truth["force"]
         covariance = np.reshape(found.position_covariance, (2, 2))
         assert off @ np.linalg.solve(covariance, off) < 6.0  # 95 %
 

@@ -281,7 +281,7 @@ def test_contacts_that_do_not_move_are_those_of_rows_read_at_once(layout, frame)
 
 
 def test_contacts_that_are_discs_have_no_shape(layout):
-    bar = Contact("rectangle", center=(0.0, 0.0), size=(0.06, 0.008), angle=30.0, pressure=20e3)
+    bar = Contact("rectangle", center=(0.0, 0.0), size=(0.06, 0.008), angle=60.0, pressure=20e3)
     voltages = sensor(layout, bar, seed=0, adc=None).frame(0.0)
     fitted, misfits = [], []
     for pipeline in (without(layout), without(layout, "shape")):

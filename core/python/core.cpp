@@ -3,6 +3,8 @@
 // Arrays are those of Python, (k, 6), (L, n), (P, L, n): in C order they are the columns of the core. Whatever does not
 // fit is refused with one line (BadInput becomes ValueError, no factorisation numpy.linalg.LinAlgError); the GIL is
 // released while something is worked out.
+#include <numeric>
+
 #include <pybind11/complex.h>
 #include <pybind11/eigen.h>
 #include <pybind11/numpy.h>
@@ -179,6 +181,15 @@ Lattice lattice(const Array& start, const Array& step, const Integers& counts) {
   return {first, apart, Eigen::Vector2i(points[0], points[1])};
 }
 
+// What charges that are induced make of G among all places, P x P.
+Matrix between(const InducedCharges& electrodes, const Points& places) {
+  std::vector<int> all(places.cols());
+  std::iota(all.begin(), all.end(), 0);
+  Matrix out = Matrix::Zero(places.cols(), places.cols());
+  Charges(electrodes, places).add_between(0, places.cols(), all, out);
+  return out;
+}
+
 std::shared_ptr<Tables> tables(const py::dict& of) {
   const auto array_of = [&](const char* name) { return of[name].cast<Array>(); };
   auto t = std::make_shared<Tables>();
@@ -203,7 +214,7 @@ std::shared_ptr<Tables> tables(const py::dict& of) {
   t->potentials = matrix(array_of("potentials"), "potentials");
   t->own = vector(array_of("own"), "own");
   t->smooth = matrix(array_of("smooth"), "smooth").transpose();
-  t->induced = {t->centres, t->radius, t->pitch, t->resistance / (4 * 3.14159265358979323846)};
+  t->induced = of["induced"].cast<InducedCharges>();
   t->fields = two(array_of("fields"), "fields");
   for (const py::handle& each : of["mirrors"]) {
     const auto [electrode, straight, turned, shift] =
@@ -298,6 +309,19 @@ PYBIND11_MODULE(TOMOTACTILE_MODULE, m) {
   });
 
   py::class_<Lattice>(m, "Lattice").def(py::init(&lattice), "start"_a, "step"_a, "counts"_a);
+
+  py::class_<InducedCharges>(m, "InducedCharges")
+      .def(py::init([](const Array& centres, double radius, double resistance, const Array& size) {
+             const Vector mirrored = vector(size, "size");
+             if (mirrored.size() != 2) refuse("size", "(2,)");
+             return InducedCharges(matrix<Points>(centres, "centres", 2), radius, resistance, mirrored);
+           }), "centres"_a, "radius"_a, "resistance"_a, "size"_a)
+      .def_property_readonly("counted", [](const InducedCharges& e) { return array(e.counted); })
+      .def("between", [](const InducedCharges& e, const Array& places) { return between(e, matrix<Points>(places, "places", 2)); }, "places"_a)
+      .def("own", [](const InducedCharges& e, const Array& places) { return array(e.own(matrix<Points>(places, "places", 2))); }, "places"_a)
+      .def("potentials", [](const InducedCharges& e, const Array& places) -> Matrix {
+             return e.dipoles(matrix<Points>(places, "places", 2)).transpose() * e.fed(e.centres);
+           }, "places"_a);
 
   py::class_<Tables, std::shared_ptr<Tables>>(m, "Tables").def(py::init(&tables), "content"_a);
 

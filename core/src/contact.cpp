@@ -9,6 +9,10 @@ constexpr double kBound = 0.05;  // 1/g is bounded smoothly at this part of 1/c
 constexpr double kBare = 0.005;  // 1/g of a bare conductor in parts of 1/c
 constexpr int kOver = 3;         // patches to the width of a rectangle, at most
 constexpr double kSquare = 0.447;  // radius of the disc whose mean log distance to itself is that of a square, sides
+// radii of a patch to the disc whose overlap with a straight rim, summed over a lattice of squares, has no ripple: 0.61
+// sides, the first zero of J1(2 pi r)
+constexpr double kReach = 0.6098 / kSquare;
+constexpr double kNothing = 1e-6;  // of a patch: what is left does not matter, and its centre of gravity is rounding
 
 using Shape = std::array<Eigen::Matrix2d, 4>;  // a map of the unit disc, m, and its derivatives by ln a, p, q
 
@@ -81,9 +85,36 @@ Conductance::Conductance(double strength, double mean) {
   value = 1 / left, by_strength = 1 + slope * mean / left, by_mean = slope / left;
 }
 
-Beyond::Beyond(double depth) {
-  const double inside = std::min(std::max(depth + 0.5, 0.0), 1.0);
-  part = inside * inside * (3 - 2 * inside), slope = 6 * inside * (1 - inside);
+Part inside_line(double depth, double radius) {
+  const double reach = kReach * radius, t = std::min(std::max(depth / reach, -1.0), 1.0), half = std::sqrt(1 - t * t);
+  return {0.5 + (t * half + std::asin(t)) / kPi, 2 * half / (kPi * reach), -2 * t * half / kPi};
+}
+
+// One less the lens that two discs share, in parts of the patch. The lens is two segments; its first moment about the
+// middle of the rim is the distance times the segment of the patch alone: those of the halves of the chord cancel.
+Left outside_disc(double distance, double rim, double radius) {
+  const double reach = kReach * radius;
+  if (distance >= rim + reach) return {{1, 0, 0}, {distance, 1, 0}};
+  if (distance <= rim - reach) return {{0, 0, 0}, {rim, 0, 0}};
+  const double ratio = rim / reach;
+  if (distance <= reach - rim) {
+    const double part = 1 - ratio * ratio;
+    return {{part, 0, 2 * ratio * ratio}, {distance / part, 1 / part, -2 * distance * ratio * ratio / (part * part)}};
+  }
+  const auto angle = [](double cosine) { return std::acos(std::min(std::max(cosine, -1.0), 1.0)); };
+  const double along = (distance * distance + reach * reach - rim * rim) / (2 * distance);  // to the chord
+  const double half = std::sqrt(std::max(reach * reach - along * along, 0.0)), scale = 1 / (kPi * reach * reach);
+  const double mine = angle(along / reach), theirs = angle((distance - along) / rim);
+  const double segment = scale * (reach * reach * mine - along * half);
+  const double lens = scale * (reach * reach * mine + rim * rim * theirs - distance * half);
+  const Part left{1 - lens, scale * 2 * half, 2 * (lens - mine / kPi)};
+  if (left.value < kNothing) return {left, {rim, 0, 0}};
+  const double to = distance * (1 - segment) / left.value;
+  const double by_distance = -scale * 2 * half * (1 - along / distance);
+  const double by_size = 2 * mine / kPi - 2 * segment - scale * 2 * half * reach * reach / distance;
+  return {left,
+          {to, (1 - segment - distance * by_distance - to * left.by_distance) / left.value,
+           -(distance * by_size + to * left.by_size) / left.value}};
 }
 
 }  // namespace tomotactile

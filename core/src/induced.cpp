@@ -1,165 +1,166 @@
 #include "tomotactile/induced.hpp"
 
-#include <algorithm>
 #include <cmath>
-#include <complex>
-#include <numeric>
+#include <utility>
 
 namespace tomotactile {
 namespace {
 
-constexpr double kBegin = 0.8, kEnd = 1.3;  // spacings: induced charges fade between these
-constexpr double kSeries = 0.15;            // |z|^2: of larger ones the logarithm is taken as it is
-constexpr double kExact = 1e-6;             // how much of the sum the terms left away are
+// |z| of places beside an electrode: the next term between its rim and farther ones is at most 5 ohm of 1e4 ohm a square
+constexpr double kClose = 0.08;
+constexpr double kSame = 1e-6;  // radii: what is nearer to each other is in the same place
+
+// Calls `seen(x, y, to_x, to_y)` with the ways from all centres to a place and to its images, and the signs with which
+// these follow it.
+template <class Seen>
+void for_images(const InducedCharges& e, const Eigen::Vector2d& place, Seen seen) {
+  const int images = e.size.x() > 0 ? 3 : 1;
+  const double sign[3] = {1, -1, -1}, beside[3] = {0, e.size.x(), -e.size.x()}, above[3] = {0, e.size.y(), -e.size.y()};
+  for (int i = 0; i < images; ++i) {
+    const Eigen::ArrayXd x = sign[i] * place.x() + beside[i] - e.centres.row(0).transpose().array();
+    for (int j = 0; j < images; ++j)
+      seen(x, (sign[j] * place.y() + above[j] - e.centres.row(1).transpose().array()).eval(), sign[i], sign[j]);
+  }
+}
+
+// Along which axes an electrode with so many images at its place is its own one: signs of these images.
+std::vector<Eigen::Vector2d> own_images(const InducedCharges& e, Index electrode) {
+  std::vector<Eigen::Vector2d> out;
+  for_images(e, e.centres.col(electrode), [&](const auto& x, const auto& y, double to_x, double to_y) {
+    if (std::hypot(x[electrode], y[electrode]) < kSame * e.radius) out.emplace_back(to_x, to_y);
+  });
+  return out;
+}
 
 }  // namespace
 
-double InducedCharges::squared(double x, double y) const {
+InducedCharges::InducedCharges(Points at, double wide, double resistance, const Eigen::Vector2d& mirrored)
+    : centres(std::move(at)), radius(wide), scale(resistance / (4 * kPi)), size(mirrored), counted(centres.cols()) {
+  if (!(radius > 0 && scale > 0)) throw BadInput("induced charges: radius and resistance must be above 0");
+  for (Index e = 0; e < centres.cols(); ++e) counted[e] = double(own_images(*this, e).size());
+}
+
+Matrix InducedCharges::dipoles(const Points& places) const {
+  const Index count = centres.cols();
   const double rim = kRim * radius;
-  return std::max(x * x + y * y, rim * rim);
+  Matrix out = Matrix::Zero(2 * count, places.cols());
+  for (Index p = 0; p < places.cols(); ++p) {
+    auto re = out.col(p).head(count).array(), im = out.col(p).tail(count).array();
+    for_images(*this, places.col(p), [&](const auto& x, const auto& y, double, double) {
+      const Eigen::ArrayXd over = radius / (x * x + y * y).max(rim * rim);
+      re += x * over, im += y * over;
+    });
+  }
+  return out;
 }
 
-double InducedCharges::nearness(double squared) const {
-  const double far = std::min(std::max((std::sqrt(squared) / pitch - kBegin) / (kEnd - kBegin), 0.0), 1.0);
-  return 1 - far * far * (3 - 2 * far);
+std::array<Matrix, 2> InducedCharges::dipole_slopes(const Points& places) const {
+  const Index count = centres.cols();
+  const double rim = kRim * radius;
+  std::array<Matrix, 2> out{Matrix::Zero(2 * count, places.cols()), Matrix::Zero(2 * count, places.cols())};
+  for (Index p = 0; p < places.cols(); ++p) {
+    auto re_x = out[0].col(p).head(count).array(), im_x = out[0].col(p).tail(count).array();
+    auto re_y = out[1].col(p).head(count).array(), im_y = out[1].col(p).tail(count).array();
+    for_images(*this, places.col(p), [&](const auto& x, const auto& y, double to_x, double to_y) {
+      const Eigen::ArrayXd over = 1 / (x * x + y * y).max(rim * rim);
+      const Eigen::ArrayXd straight = radius * over * over * (y * y - x * x), turned = -2 * radius * over * over * x * y;
+      re_x += to_x * straight, im_x += to_x * turned;
+      re_y += to_y * turned, im_y -= to_y * straight;
+    });
+  }
+  return out;
 }
 
-double InducedCharges::nearness_slope(double squared) const {
-  const double distance = std::sqrt(squared);
-  const double far = std::min(std::max((distance / pitch - kBegin) / (kEnd - kBegin), 0.0), 1.0);
-  return -3 * far * (1 - far) / (distance * pitch * (kEnd - kBegin));
+Matrix InducedCharges::fed(const Points& electrodes) const {
+  const Eigen::ArrayXd weight = -2 * scale / counted.array();
+  Vector both(2 * weight.size());
+  both << weight.matrix(), weight.matrix();
+  return both.asDiagonal() * dipoles(electrodes);
 }
 
-Charges::Charges(const InducedCharges& electrodes, const Points& places) : electrodes_(&electrodes) {
-  const Index count = places.cols();
-  const double reach = kEnd * electrodes.pitch * kEnd * electrodes.pitch, radius = electrodes.radius;
-  std::vector<Index> seen;  // of those in `far_`
-  Index rows = 0;
+Vector InducedCharges::own(const Points& places) const {
+  Vector out(places.cols());
+  for (Index p = 0; p < places.cols(); ++p) {
+    Matrix each = Matrix::Zero(1, 1);
+    Charges(*this, places.col(p)).add_between(0, 1, {0}, each);
+    out[p] = each(0, 0);
+  }
+  return out;
+}
+
+Charges::Charges(const InducedCharges& electrodes, const Points& places)
+    : electrodes_(&electrodes), places_(places), dipoles_(electrodes.dipoles(places)), weights_(2 * electrodes.centres.cols()) {
+  const Eigen::ArrayXd weight = 2 * electrodes.scale / electrodes.counted.array();
+  weights_ << weight.matrix(), weight.matrix();
+  const double rim = kRim * electrodes.radius;
   for (Index e = 0; e < electrodes.centres.cols(); ++e) {
-    double least = std::numeric_limits<double>::infinity();
-    for (Index p = 0; p < count; ++p)
-      least = std::min(least, electrodes.squared(places(0, p) - electrodes.centres(0, e),
-                                                 places(1, p) - electrodes.centres(1, e)));
-    if (!(least < reach)) continue;
-    const double largest = radius * radius / least;
-    if (largest <= kSeries) {
-      const int terms = std::max(int(std::ceil(std::log(kExact) / std::log(std::max(largest, kExact)))), 1);
-      far_.push_back({rows, 2 * terms, std::vector<bool>(count)});
-      seen.push_back(e);
-      rows += 2 * terms;
-      continue;
-    }
+    const Points apart = places.colwise() - electrodes.centres.col(e);
+    const Eigen::ArrayXd size = electrodes.radius / apart.colwise().squaredNorm().transpose().array().max(rim * rim).sqrt();
     Close close;
-    close.weight.resize(count), close.share.resize(count), close.fading.resize(count);
-    close.apart.resize(2, count), close.image.resize(2, count);
-    for (Index p = 0; p < count; ++p) {
-      const Eigen::Vector2d apart = places.col(p) - electrodes.centres.col(e);
-      const double squared = electrodes.squared(apart.x(), apart.y());
-      close.weight[p] = electrodes.nearness(squared);
-      close.fading[p] = electrodes.nearness_slope(squared);
-      close.share[p] = radius * radius / squared;
-      close.apart.col(p) = apart;
-      close.image.col(p) = close.share[p] * apart;
-    }
+    close.number.assign(places.cols(), -1);
+    std::vector<int> there;
+    for (Index p = 0; p < places.cols(); ++p)
+      if (size[p] > kClose) close.number[p] = int(there.size()), there.push_back(int(p));
+    if (there.empty()) continue;
+    close.z = apart(Eigen::all, there) * (size(there).square() / electrodes.radius).matrix().asDiagonal();
+    for (const Eigen::Vector2d& sign : own_images(electrodes, e)) close.seen.push_back(sign.asDiagonal() * close.z);
     close_.push_back(std::move(close));
   }
-  columns_ = along_x_ = along_y_ = Matrix::Zero(rows, count);
-  for (std::size_t which = 0; which < far_.size(); ++which) {
-    Far& far = far_[which];
-    for (Index p = 0; p < count; ++p) {
-      const Eigen::Vector2d apart = places.col(p) - electrodes.centres.col(seen[which]);
-      const double squared = electrodes.squared(apart.x(), apart.y());
-      const double weight = electrodes.nearness(squared), fades = 2 * electrodes.nearness_slope(squared);
-      if (weight == 0) continue;
-      far.near[p] = true;
-      const std::complex<double> z(apart.x() * radius / squared, apart.y() * radius / squared);
-      std::complex<double> power = z;
-      for (int k = 1; 2 * k <= far.count; ++k) {
-        const double root = std::sqrt(2 * electrodes.scale / k);
-        const std::complex<double> next = power * z, moves = weight * (k / radius) * next;
-        const std::complex<double> value = root * weight * power;
-        const std::complex<double> by_x = root * (fades * apart.x() * power - moves);
-        const std::complex<double> by_y =
-            root * (fades * apart.y() * power + std::complex<double>(0, 1) * moves);
-        const Index row = far.first + 2 * (k - 1);
-        columns_(row, p) = value.real(), columns_(row + 1, p) = value.imag();
-        along_x_(row, p) = by_x.real(), along_x_(row + 1, p) = by_x.imag();
-        along_y_(row, p) = by_y.real(), along_y_(row + 1, p) = by_y.imag();
-        power = next;
-      }
-    }
-  }
 }
 
-bool Charges::Far::reaches(Index place, Index places) const {
-  return std::find(near.begin() + place, near.begin() + place + places, true) != near.begin() + place + places;
-}
-
-// Which of `chosen` are near a close electrode.
-std::vector<int> Charges::there(const Close& close, const std::vector<int>& chosen) {
-  std::vector<int> out;
-  for (std::size_t i = 0; i < chosen.size(); ++i)
-    if (close.weight[chosen[i]] != 0) out.push_back(int(i));
+// Those of places `first` ... `first + count` and of `others` that are near an electrode.
+Charges::Pairs Charges::beside(const Close& close, Index first, Index count, const std::vector<int>& others) {
+  Pairs out;
+  std::vector<int> mine;
+  for (Index i = 0; i < count; ++i)
+    if (close.number[first + i] >= 0) out.here.push_back(int(i)), mine.push_back(close.number[first + i]);
+  for (std::size_t j = 0; j < others.size(); ++j)
+    if (close.number[others[j]] >= 0) out.on.push_back(int(j)), out.theirs.push_back(close.number[others[j]]);
+  out.z = close.z(Eigen::all, mine);
   return out;
 }
 
 void Charges::add_between(Index first, Index count, const std::vector<int>& others, Matrix& out) const {
-  for (const Far& far : far_)
-    if (far.reaches(first, count)) {
-      const auto rows = columns_.middleRows(far.first, far.count);
-      out.noalias() -= rows.middleCols(first, count).transpose() * Matrix(rows(Eigen::all, others));
-    }
-  const double turned = 2 / (electrodes_->radius * electrodes_->radius), scale = electrodes_->scale;
-  std::vector<int> own(count);
-  std::iota(own.begin(), own.end(), int(first));
+  out.noalias() -= (weights_.asDiagonal() * dipoles_.middleCols(first, count)).transpose() * dipoles_(Eigen::all, others);
   for (const Close& close : close_) {
-    const std::vector<int> here = there(close, own), on = there(close, others);
-    if (here.empty() || on.empty()) continue;
-    std::vector<int> mine, theirs;
-    for (int i : here) mine.push_back(own[i]);
-    for (int j : on) theirs.push_back(others[j]);
-    const Vector share = close.share(mine).matrix(), other = close.share(theirs).matrix();
-    const Vector weight = close.weight(mine).matrix(), other_weight = close.weight(theirs).matrix();
-    const Points image = close.image(Eigen::all, mine), other_image = close.image(Eigen::all, theirs);
-    Eigen::ArrayXXd part = share * other.transpose() - turned * (image.transpose() * other_image);
-    part = part.max(kRim - 2).log1p();
-    part *= scale * (weight * other_weight.transpose()).array();
-    for (std::size_t j = 0; j < on.size(); ++j)
-      for (std::size_t i = 0; i < here.size(); ++i) out(here[i], on[j]) += part(i, j);
+    const Pairs pairs = beside(close, first, count, others);
+    if (pairs.here.empty() || pairs.on.empty()) continue;
+    const Vector square = pairs.z.colwise().squaredNorm().transpose();
+    for (const Points& images : close.seen) {
+      const Points theirs = images(Eigen::all, pairs.theirs);
+      const Eigen::ArrayXXd re = (pairs.z.transpose() * theirs).array();
+      const Eigen::ArrayXXd size = (square * theirs.colwise().squaredNorm()).array();  // |1 - x|^2 is this, 1 and -2 re
+      const Eigen::ArrayXXd rest = (1 + (size - 2 * re)).max(kRim - 1).log() + 2 * re;
+      for (std::size_t j = 0; j < pairs.on.size(); ++j)
+        for (std::size_t i = 0; i < pairs.here.size(); ++i) out(pairs.here[i], pairs.on[j]) += electrodes_->scale * rest(i, j);
+    }
   }
 }
 
 void Charges::add_slope(Index first, Index count, const std::vector<int>& others, Matrix& along_x,
                         Matrix& along_y) const {
-  for (const Far& far : far_)
-    if (far.reaches(first, count)) {
-      const Matrix columns = columns_.middleRows(far.first, far.count)(Eigen::all, others);
-      along_x.noalias() -= along_x_.block(far.first, first, far.count, count).transpose() * columns;
-      along_y.noalias() -= along_y_.block(far.first, first, far.count, count).transpose() * columns;
-    }
-  const double turned = 2 / (electrodes_->radius * electrodes_->radius), scale = electrodes_->scale;
+  const Matrix theirs = weights_.asDiagonal() * dipoles_(Eigen::all, others);
+  const std::array<Matrix, 2> slopes = electrodes_->dipole_slopes(places_.middleCols(first, count));
+  along_x.noalias() -= slopes[0].transpose() * theirs;
+  along_y.noalias() -= slopes[1].transpose() * theirs;
   for (const Close& close : close_) {
-    const std::vector<int> on = there(close, others);
-    if (on.empty()) continue;
-    std::vector<int> theirs;
-    for (int j : on) theirs.push_back(others[j]);
-    const Eigen::ArrayXd share = close.share.segment(first, count), fading = close.fading.segment(first, count);
-    const Eigen::ArrayXd weight = close.weight.segment(first, count);
-    const Eigen::ArrayXd x = close.apart.row(0).segment(first, count).transpose(), y = close.apart.row(1).segment(first, count).transpose();
-    const bool fades = (fading != 0).any();
-    Eigen::ArrayXd by_share, part, kept, rate, radial;
-    for (std::size_t j = 0; j < on.size(); ++j) {
-      const int other = theirs[j];
-      const double image_x = close.image(0, other), image_y = close.image(1, other), other_weight = close.weight[other];
-      by_share = close.share[other] - turned * (image_x * x + image_y * y);
-      part = by_share * share, kept = part.max(kRim - 2);
-      rate = (part > kRim - 2).select(other_weight * weight / (1 + kept), 0.0);
-      radial = -turned * rate * by_share * share.square();
-      if (fades) radial += (fading != 0).select(2 * other_weight * fading * kept.log1p(), 0.0);
-      rate *= turned * share;
-      along_x.col(on[j]).array() += scale * (radial * x - image_x * rate);
-      along_y.col(on[j]).array() += scale * (radial * y - image_y * rate);
-    }
+    const Pairs pairs = beside(close, first, count, others);
+    if (pairs.here.empty() || pairs.on.empty()) continue;
+    const Eigen::ArrayXd square = pairs.z.colwise().squaredNorm().transpose();
+    const Eigen::ArrayXd x = pairs.z.row(0).transpose(), y = pairs.z.row(1).transpose();
+    const double rate = electrodes_->scale * 2 / electrodes_->radius;
+    for (const Points& images : close.seen)
+      for (std::size_t j = 0; j < pairs.on.size(); ++j) {
+        const Eigen::Vector2d other = images.col(pairs.theirs[j]);
+        const Eigen::ArrayXd re = x * other.x() + y * other.y(), size = square * other.squaredNorm(), far = 1 + (size - 2 * re);
+        const Eigen::ArrayXd over = (far > kRim - 1).select(1 / far, 0.0);
+        // z moves by (|z|^2 - 2 z z^T) / R with the place
+        const Eigen::ArrayXd straight = rate * (1 - over) * square, back = rate * (2 * (1 - over) * re + over * size);
+        for (std::size_t i = 0; i < pairs.here.size(); ++i) {
+          along_x(pairs.here[i], pairs.on[j]) += straight[i] * other.x() - back[i] * x[i];
+          along_y(pairs.here[i], pairs.on[j]) += straight[i] * other.y() - back[i] * y[i];
+        }
+      }
   }
 }
 

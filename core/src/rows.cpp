@@ -78,10 +78,10 @@ bool RowModel::at_rim(const Eigen::Vector2d& place, double radius, Eigen::Matrix
   Points steep(2, places.cols());
   for (Index p = 0; p < places.cols(); ++p) {
     const Eigen::Vector2d way = places.col(p) - t.used.col(which);
-    const double distance = way.norm(), width = radius * cut.radii[p];
-    const Beyond off((distance - t.radius) / width);
-    weight[p] = cut.area[p] * off.part;
-    steep.col(p) = cut.area[p] * off.slope / (width * std::max(distance, 1e-12)) * way;
+    const double distance = way.norm();
+    const Part off = outside_disc(distance, t.radius, radius * cut.radii[p]).part;
+    weight[p] = cut.area[p] * off.value;
+    steep.col(p) = cut.area[p] * off.by_distance / std::max(distance, 1e-12) * way;
     if (weight[p] > 0) there.push_back(int(p));
   }
   if (weight.sum() < kBeside) return false;
@@ -98,10 +98,13 @@ bool RowModel::at_rim(const Eigen::Vector2d& place, double radius, Eigen::Matrix
     const double distance = std::sqrt((t.centres.colwise() - at).colwise().squaredNorm().minCoeff(&nearest));
     Eigen::Matrix2d moves = Eigen::Matrix2d::Identity();
     beside.col(p) = at;
-    if (distance < kRim * t.radius) {  // these move along a rim; in the middle they do not know which way
+    const Part middle = outside_disc(distance, t.radius, radius * cut.radii[there[p]]).middle;
+    const double rim = kRim * t.radius, to = std::max(middle.value, rim);
+    if (to != distance) {  // in the middle of an electrode these do not know which way they move
       const Eigen::Vector2d out = (at - t.centres.col(nearest)) / std::max(distance, 1e-12);
-      beside.col(p) = t.centres.col(nearest) + kRim * t.radius * out;
-      moves = kRim * t.radius / std::max(distance, 0.1 * t.radius) * (moves - out * out.transpose());
+      beside.col(p) = t.centres.col(nearest) + to * out;
+      moves = to / std::max(distance, 0.1 * t.radius) * (moves - out * out.transpose());
+      if (to > rim) moves += middle.by_distance * out * out.transpose();
     }
     for (int d = 0; d < 2; ++d) weights[1 + d].col(p).tail<2>() = part[p] * moves.col(d);
   }

@@ -41,7 +41,12 @@ void Tables::complete() {
   expect(radius > 0 && resistance > 0 && pitch > 0 && reach > 0, "radius, resistance, spacing must be above 0");
   for (const Cut& each : discs)
     expect(each.points.cols() == each.area.size() && each.area.size() == each.radii.size(), "patches do not fit each other");
+  expect(induced.centres.cols() == all, "induced charges do not fit the electrodes");
   between = Sheet::kernel_of(*this, used);
+  fed = induced.fed(used);
+  counted.resize(n);
+  for (Index e = 0; e < all; ++e)
+    if (position[e] < n) counted[position[e]] = induced.counted[e];
 }
 
 Sheet::Sheet(std::shared_ptr<const Tables> tables, Matrix untouched)
@@ -133,46 +138,54 @@ std::array<Matrix, 2> Sheet::steep_at(const Points& places) const {
 
 void Sheet::potentials_at(const Points& places, Matrix* potentials, std::array<Matrix, 2>* slopes) const {
   const Tables& t = *tables_;
-  const double scale = t.resistance / (2 * kPi), least = t.radius * t.radius;
-  const Index n = count();
-  if (potentials) potentials->resize(n, places.cols());
-  if (slopes)
-    for (Matrix& each : *slopes) each.resize(n, places.cols());
+  const double least = t.radius * t.radius;
+  const Eigen::ArrayXd scale = t.resistance / (2 * kPi) * t.counted.array();
+  if (potentials) potentials->noalias() = t.fed.transpose() * t.induced.dipoles(places);
+  if (slopes) {
+    const std::array<Matrix, 2> steep = t.induced.dipole_slopes(places);
+    for (int d = 0; d < 2; ++d) (*slopes)[d].noalias() = t.fed.transpose() * steep[d];
+  }
   for (Index p = 0; p < places.cols(); ++p) {
     const Stencil stencil = t.fine.at(places(0, p), places(1, p));
     const Matrix near = t.potentials(Eigen::all, stencil.nodes);
     const auto read = [&](const std::array<double, 16>& weights) { return (near * Eigen::Map<const Vector>(weights.data(), 16)).array(); };
     const Eigen::ArrayXd x = t.used.row(0).transpose().array() - places(0, p), y = t.used.row(1).transpose().array() - places(1, p);
     const Eigen::ArrayXd squared = (x * x + y * y).max(least);
-    if (potentials) potentials->col(p) = read(stencil.weights) - 0.5 * scale * squared.log();
+    if (potentials) potentials->col(p).array() += read(stencil.weights) - 0.5 * scale * squared.log();
     if (!slopes) continue;
-    (*slopes)[0].col(p) = read(stencil.along_x) + scale / squared * x;
-    (*slopes)[1].col(p) = read(stencil.along_y) + scale / squared * y;
+    (*slopes)[0].col(p).array() += read(stencil.along_x) + scale / squared * x;
+    (*slopes)[1].col(p).array() += read(stencil.along_y) + scale / squared * y;
   }
+}
+
+Matrix Sheet::potentials_sum(const Points& places, const std::array<Matrix, 3>& weights) const {
+  const Tables& t = *tables_;
+  const double least = t.radius * t.radius;
+  const Vector scale = t.resistance / (2 * kPi) * t.counted;
+  const Around around(t.fine, places);
+  Matrix out = t.potentials(Eigen::all, around.nodes) * around.spread(weights).transpose();
+  const Eigen::ArrayXXd x = t.used.row(0).transpose().replicate(1, places.cols()).array().rowwise() - places.row(0).array();
+  const Eigen::ArrayXXd y = t.used.row(1).transpose().replicate(1, places.cols()).array().rowwise() - places.row(1).array();
+  const Eigen::ArrayXXd squared = (x * x + y * y).max(least);
+  Matrix of_logarithm = (-0.5 * squared.log()).matrix() * weights[0].transpose();
+  of_logarithm.noalias() += (x / squared).matrix() * weights[1].transpose() + (y / squared).matrix() * weights[2].transpose();
+  out += scale.asDiagonal() * of_logarithm;
+  const std::array<Matrix, 2> steep = t.induced.dipole_slopes(places);
+  Matrix dipoles = t.induced.dipoles(places) * weights[0].transpose();
+  dipoles.noalias() += steep[0] * weights[1].transpose() + steep[1] * weights[2].transpose();
+  out.noalias() += t.fed.transpose() * dipoles;
+  return out;
 }
 
 // H of discs, and its slopes: G is harmonic, its mean over a disc that at the centre, but where the disc reaches an
 // electrode, a ring: there the logarithm is averaged over the disc and the ring, the mean over the narrower one being a
 // quarter of its radius squared times the Laplacian, as far as that is within.
-Matrix Sheet::potentials_sum(const Points& places, const std::array<Matrix, 3>& weights) const {
-  const Tables& t = *tables_;
-  const double scale = t.resistance / (2 * kPi), least = t.radius * t.radius;
-  const Around around(t.fine, places);
-  Matrix out = t.potentials(Eigen::all, around.nodes) * around.spread(weights).transpose();
-  const Eigen::ArrayXXd x = t.used.row(0).transpose().replicate(1, places.cols()).array().rowwise() - places.row(0).array();
-  const Eigen::ArrayXXd y = t.used.row(1).transpose().replicate(1, places.cols()).array().rowwise() - places.row(1).array();
-  const Eigen::ArrayXXd squared = (x * x + y * y).max(least), rate = scale / squared;
-  out.noalias() += (-0.5 * scale * squared.log()).matrix() * weights[0].transpose();
-  out.noalias() += (rate * x).matrix() * weights[1].transpose() + (rate * y).matrix() * weights[2].transpose();
-  return out;
-}
-
 void Sheet::even_discs_at(const Points& places, double radius, Matrix& share, std::array<Matrix, 2>& slopes) const {
   const Tables& t = *tables_;
   const Index n = count();
   Matrix potentials;
   potentials_at(places, &potentials, &slopes);
-  const double scale = t.resistance / (2 * kPi), wide = std::max(radius, t.radius), narrow = std::min(radius, t.radius);
+  const double wide = std::max(radius, t.radius), narrow = std::min(radius, t.radius);
   for (Index p = 0; p < places.cols(); ++p)
     for (Index e = 0; e < n; ++e) {
       const Eigen::Vector2d apart = places.col(p) - t.used.col(e);
@@ -184,7 +197,7 @@ void Sheet::even_discs_at(const Points& places, double radius, Matrix& share, st
                           narrow * narrow / (2 * wide * wide) * part * part * (3 - 2 * part);
       const double slope = (inside < 1 ? distance / (wide * wide) : 1 / distance) -
                            narrow / (4 * wide * wide) * 6 * part * (1 - part);
-      const double held = std::max(squared, t.radius * t.radius);
+      const double held = std::max(squared, t.radius * t.radius), scale = t.resistance / (2 * kPi) * t.counted[e];
       potentials(e, p) += scale * (0.5 * std::log(held) - mean);
       const double more = scale * (1 / held - slope / distance);
       slopes[0](e, p) += more * apart.x(), slopes[1](e, p) += more * apart.y();

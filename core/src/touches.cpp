@@ -177,7 +177,8 @@ void Touches::place(const Vector& area) {
   Vector deep;
   Points inwards;
   t.outline.depth(place_, deep, inwards);
-  moving_.resize(2, count), way_.resize(2, count), longer_.resize(count), inside_.resize(count);
+  moving_.resize(2, count), way_.resize(2, count), crossed_.resize(count);
+  around_rim_.resize(count), off_rim_.resize(count), grown_off_.resize(count);
   electrode_.resize(count), weight.resize(count);
   on_.resize(count), off_.resize(count), steep_radius_.resize(count), rising_radius_.resize(count);
   steep_.resize(2, count), rising_.resize(2, count);
@@ -191,19 +192,24 @@ void Touches::place(const Vector& area) {
       const double distance =
           std::sqrt((t.centres.colwise() - place_.col(p)).colwise().squaredNorm().minCoeff(&nearest));
       way_.col(p) = (place_.col(p) - t.centres.col(nearest)).array() / std::max(distance, 1e-12);
-      inside_[p] = distance < rim;
-      if (inside_[p]) place_.col(p) = t.centres.col(nearest) + rim * way_.col(p).matrix();
-      longer_[p] = distance > 1e-6 * t.radius ? rim / std::max(distance, 1e-12) : 0.0;
       electrode_[p] = t.position[nearest];
       const double radius = radii_[p];
-      const Beyond there(deep[p] / radius), off((distance - t.radius) / radius);
-      on_[p] = there.part * area[p], off_[p] = off.part;
-      weight[p] = on_[p] * off.part;
-      if (electrode_[p] < n) direct(electrode_[p], i) += on_[p] * (1 - off.part);
-      steep_.col(p) = area[p] * there.slope / radius * inwards.col(p).array();
-      steep_radius_[p] = -area[p] * there.slope * deep[p] / radius;
-      rising_.col(p) = off.slope / radius * way_.col(p);
-      rising_radius_[p] = -off.slope * (distance - t.radius) / radius;
+      const Part there = inside_line(deep[p], radius);
+      const auto [off, middle] = outside_disc(distance, t.radius, radius);
+      const double to = std::max(middle.value, rim);
+      crossed_[p] = to != distance;
+      if (crossed_[p]) {
+        place_.col(p) = t.centres.col(nearest) + to * way_.col(p).matrix();
+        around_rim_[p] = distance > 1e-6 * t.radius ? to / distance : 0.0;
+        off_rim_[p] = to > rim ? middle.by_distance : 0.0, grown_off_[p] = to > rim ? middle.by_size : 0.0;
+      }
+      on_[p] = there.value * area[p], off_[p] = off.value;
+      weight[p] = on_[p] * off.value;
+      if (electrode_[p] < n) direct(electrode_[p], i) += on_[p] * (1 - off.value);
+      steep_.col(p) = area[p] * there.by_distance * inwards.col(p).array();
+      steep_radius_[p] = area[p] * there.by_size;
+      rising_.col(p) = off.by_distance * way_.col(p);
+      rising_radius_[p] = off.by_size;
     }
   }
   covered = direct.colwise().sum().transpose();
@@ -326,13 +332,15 @@ std::shared_ptr<const Touches> Touches::with(const Vector& other, const Paramete
 
 std::array<Points, 5> Touches::moves(Index i) const {
   std::array<Points, 5> out = forms_[i].moves;
-  for (Points& moves : out) {
+  for (int k = 0; k < 5; ++k) {
+    Points& moves = out[k];
     moves.array() *= moving_.middleCols(begin(i), size(i));
     for (Index p = 0; p < size(i); ++p) {
       const Index at = begin(i) + p;
-      if (!inside_[at]) continue;
+      if (!crossed_[at]) continue;
       const Eigen::Vector2d way = way_.col(at).matrix();
-      moves.col(p) = longer_[at] * (moves.col(p) - moves.col(p).dot(way) * way);
+      const double off = moves.col(p).dot(way), grown = kMoving[k] == kRadius ? grown_off_[at] : 0.0;
+      moves.col(p) = around_rim_[at] * (moves.col(p) - off * way) + (off_rim_[at] * off + grown) * way;
     }
   }
   return out;

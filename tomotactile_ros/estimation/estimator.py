@@ -74,7 +74,7 @@ from tomotactile_ros.estimation.search import (
     tells_speeds,
 )
 from tomotactile_ros.estimation.settling import Settling, rows_before, unsettled
-from tomotactile_ros.estimation.touch import CONDUCTANCE, MOST_ACROSS
+from tomotactile_ros.estimation.touch import CONDUCTANCE, MOST_ACROSS, RADIUS
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.scenes.contact import ContactLaw
 
@@ -119,6 +119,8 @@ _WELL = 1.2
 # to 0.1 mm; sheets that are something else than cut otherwise would ask for it in every frame
 _RECUTS = 3
 _MORE = 1.2  # times as many rows are worth another fit
+# times the way to it: a contact that conducts so much better brings what it touches to two thirds of the drive voltage
+_GOOD = 2.0
 # spacings: contacts of which all are wider lie where they do whatever a row or two say
 _WIDE = 1.0
 _CHANGING = 2.0  # chi-squared per reading from which on contacts may be moving
@@ -326,7 +328,7 @@ class Estimator:
         before, if that is asked.
 
         A channel that is driven and never changes lies under a conductor, or is broken: what the readings of
-        all others contradict is not so. One that is driven and at whose rim that of a bare conductor is found,
+        all others contradict is not so. One that is driven and at whose rim that of a good conductor is found,
         or whose own row contradicts what explains all others, may be one whose rows tell nothing of the sheet,
         either.
         """
@@ -361,7 +363,7 @@ class Estimator:
         if seen is None:
             trial = replace(state, covered=None)
             seen = self._look_without(*given, trial, asked, stuck, none), trial
-        more = driven & ~covered & self._meets_bare(seen[0][0], seen[1].fit)
+        more = driven & ~covered & self._meets(seen[0][0], seen[1].fit)
         if more.any():
             begun = replace(seen[1], needed=None)
             radii = [each.radius for each in seen[0][0].contacts]
@@ -371,15 +373,18 @@ class Estimator:
         state.become(last)
         return found
 
-    def _meets_bare(self, found: Estimate, fit: Fit | None) -> np.ndarray:
-        """(E,) electrodes that bare conductors meet, or whose rows contradict the contacts of a `fit` as others do
-        not; any where there is no fit, as no contacts explain the rows."""
+    def _meets(self, found: Estimate, fit: Fit | None) -> np.ndarray:
+        """(E,) electrodes whose rims those of good conductors meet, or whose rows contradict the contacts of a `fit` as
+        others do not; any where there is no fit, as no contacts explain the rows."""
         meets = np.full(self.layout.electrodes, found.unlike)
-        if found.contacts and fit is not None:
+        if fit is None:
+            return meets
+        if found.contacts:
             meets[fit.operator.used[fit.rows.grounded[_contradict_others(fit)]]] = True
-        for each in found.parts:
-            if not np.isfinite(each.force_std):
-                meets |= meets_rims(self.layout, (each.x, each.y), each.radius)
+        good = fit.prediction.conductances * fit.prediction.means > _GOOD
+        good[fit.unknowns.alone :] = False  # rims of cells are none of a contact
+        for each in fit.unknowns.contacts[good]:
+            meets |= meets_rims(self.layout, each[:2], np.exp(each[RADIUS]))
         return meets
 
     def _look_without(

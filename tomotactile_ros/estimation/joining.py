@@ -82,7 +82,7 @@ def groups(
         may_be = _filled(fit, near)
         for i, j in near[may_be]:
             touching[i, j] = touching[j, i] = True
-        widths = 2 * np.exp(contacts[near, RADIUS].min(axis=1))
+        widths = 2 * np.exp((contacts[:, RADIUS] + _unsure(fit))[near].min(axis=1))
         most = np.minimum(_NARROW * fit.operator.pitch, widths)
         narrow = near[~may_be & (gaps[tuple(near.T)] < most)]
         for i, j in narrow[np.argsort(gaps[tuple(narrow.T)])]:
@@ -93,6 +93,15 @@ def groups(
             if allows(filled, fit, bool(long[i] and long[j])):
                 touching[i, j] = touching[j, i] = True
     return connected_components(touching, directed=False)[1]
+
+
+def _unsure(fit: Fit) -> np.ndarray:
+    """(k,) deviations of the logarithms of radii; 0 where they are not estimated, or the fit is not solved."""
+    free = fit.unknowns.free
+    out = np.zeros(free.shape)
+    if len(fit.covariance):
+        out[free] = np.sqrt(fit.covariance.diagonal()[: np.count_nonzero(free)])
+    return out[:, RADIUS]
 
 
 def _press(fit: Fit, known: np.ndarray) -> np.ndarray:

@@ -1,9 +1,9 @@
 """Potentials of the electrodes at any place with their slopes, read off a lattice.
 
 The Green function of the sheet between an electrode and a place falls with the logarithm of their
-distance, which is taken off before and added again after; what is left changes slowly and is
-interpolated by cubic convolution (Keys 1981), to 1e-3 of a volt per volt within a millimetre of an
-electrode and far less elsewhere.
+distance and is bent by the dipoles of the other electrodes (`core/include/tomotactile/induced.hpp`). Both
+are taken off before and added again after; what is left changes slowly and is interpolated by cubic
+convolution (Keys 1981), on an electrode itself by the values on a ring about it.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 
 from tomotactile_ros.core import compiled
-from tomotactile_ros.estimation.induced import InducedCharges
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.sheet import Sheet
 from tomotactile_ros.sheet.green import FAR, softened
@@ -24,6 +23,8 @@ _PER_PITCH = 10  # points of the lattice along one spacing
 _POINTS = 41, 131  # along the longer side, at least and at most
 _BEYOND = 1.6  # radii from the centre of an electrode: nearer, its rim is not a few charges
 _TINY = 1e-15  # m²: a patch does not push itself
+# radii: rings from which potentials are continued onto an electrode; points of one, and harmonics that they tell apart
+_AROUND, _RING, _HARMONICS = 1.15, 12, 4
 _BLOCK = 512  # points at a time, for memory
 
 
@@ -115,6 +116,10 @@ class Sensed:
         self.own = np.empty(len(points))
         self._look(np.arange(len(points)))
 
+    def moved_to(self, places: np.ndarray) -> Sensed:
+        """What the same sheet's electrodes sense at other `places` (P, 2), m."""
+        return Sensed(self._sheet, places)
+
     def moved(self, places: np.ndarray) -> Sensed:
         """The same at `places` (K, 2), m, most of which are the points still."""
         other = copy(self)
@@ -130,45 +135,69 @@ class Sensed:
             self.own[part] = transfer.point_self
 
 
+def induced_charges(layout: Layout) -> Any:
+    """Those of the electrodes of `layout`, which rims of a rectangle mirror."""
+    size = layout.outline.size if layout.outline.is_uniform_rectangle else (0.0, 0.0)
+    return compiled.InducedCharges(
+        layout.positions, layout.radius, float(layout.sheet_resistance), size
+    )
+
+
 class PotentialTable:
     """G between the electrodes of a layout and any place, ohm; `sensed` at the points of `lattice`, those
     beyond the rim mirrored."""
 
     def __init__(self, layout: Layout, lattice: Lattice, sensed: Sensed):
-        self.lattice = lattice
+        self.lattice, self.induced = lattice, induced_charges(layout)
+        self._used = np.arange(layout.electrodes)
         self._centres = layout.positions
         self._radius = layout.radius
         self._scale = float(layout.sheet_resistance) / (2 * np.pi)
-        self.rest = sensed.between - self._logarithm(lattice.points)
+        self.rest = sensed.between - self._singular(lattice.points)
+        ring = np.exp(2j * np.pi * np.arange(_RING) / _RING)
+        ways = _AROUND * layout.radius * np.stack([ring.real, ring.imag], axis=1)
+        around = (self._centres[:, None] + ways).reshape(-1, 2)
+        half = np.array(layout.outline.size, float) / 2
+        on_ring = sensed.moved_to(mirrored(around, half)).between - self._singular(around)
+        apart, nearest = layout.nearest(lattice.points)
+        on = np.flatnonzero(apart < _AROUND * layout.radius)
+        way = (lattice.points[on] - self._centres[nearest[on]]) / (_AROUND * layout.radius)
+        powers = ((way[:, 0] + 1j * way[:, 1])[:, None] * ring.conj())[..., None]
+        harmonics = powers ** np.arange(1, _HARMONICS + 1)
+        weights = (1 + 2 * harmonics.real.sum(axis=-1)) / _RING
+        of_ring = on_ring.reshape(len(self._centres), _RING, -1)[nearest[on]]
+        self.rest[on] = np.einsum("pr,pre->pe", weights, of_ring)
 
     def of(self, used: np.ndarray) -> PotentialTable:
         """The same of the electrodes `used` (n,)."""
         if len(used) == len(self._centres):
             return self
         other = copy(self)
-        other._centres, other.rest = self._centres[used], self.rest[:, used]
+        other._centres, other.rest, other._used = self._centres[used], self.rest[:, used], used
         return other
 
-    def _logarithm(self, places: np.ndarray) -> np.ndarray:
-        """(Q, n) the part with the logarithm, ohm."""
+    def _singular(self, places: np.ndarray) -> np.ndarray:
+        """(Q, n) the part with the logarithm, of images in the same place too, and that of dipoles, ohm."""
         apart = places[:, None] - self._centres
         squared = np.einsum("qnd,qnd->qn", apart, apart)
-        return -0.5 * self._scale * np.log(np.maximum(squared, self._radius**2))
+        logarithm = -0.5 * self._scale * np.log(np.maximum(squared, self._radius**2))
+        dipoles = self.induced.potentials(places)[:, self._used]
+        return logarithm * self.induced.counted[self._used] + dipoles
 
     def __call__(self, places: np.ndarray) -> np.ndarray:
         """(Q, n) potentials at `places` (Q, 2), ohm."""
         stencil = self.lattice.stencil(places)
         smooth = np.matmul(stencil.weights[:, None], self.rest[stencil.points])[:, 0]
-        return smooth + self._logarithm(places)
+        return smooth + self._singular(places)
 
 
 class MutualTable:
     """G between any two places, ohm, for patches of contacts.
 
     Taken apart into the logarithm of the distance, that to mirror images beyond a near rim
-    included; the charges that it induces on floating electrodes close by (circle theorem); a part
-    that is smooth over the whole sheet, known on a coarse lattice on both sides; and what
-    electrodes farther away and rims of other outlines add, which is known for a patch with itself
+    included; the charges that it induces on floating electrodes (circle theorem); a part that is
+    smooth over the whole sheet and beyond its rims, known on a coarse lattice on both sides; and what
+    is left and rims of other outlines add, which is known for a patch with itself
     and taken as the mean of two for others of the same contact. What is made of it is compiled
     (`touches.hpp`).
     """
@@ -178,12 +207,15 @@ class MutualTable:
         self._outline, self._resistance = layout.outline, float(layout.sheet_resistance)
         size = np.array(layout.outline.size, float)
         self._coarse = lattice
-        nodes = off_electrodes(mirrored(self._coarse.points, size / 2), layout)
-        pitch = float(np.median(layout.pitches))
-        self.induced = InducedCharges(layout.positions, layout.radius, pitch, self._resistance)
+        inside = mirrored(self._coarse.points, size / 2)
+        nodes = off_electrodes(inside, layout)
+        self.induced = potentials.induced
         tiny = np.full(len(nodes), 1e-3 * layout.radius)
         between = sheet.transfer(nodes, tiny).among(np.arange(len(nodes)))
-        self.smooth = between - self._logarithm(nodes, tiny) - self.induced.by(nodes).among()
+        if self._outline.is_uniform_rectangle:  # rims mirror potentials, not the parts of them
+            beyond = np.abs(self._coarse.points) > (0.5 + 1e-9) * size
+            nodes = self._coarse.points + np.where(beyond, -1, 1) * (nodes - inside)
+        self.smooth = between - self._logarithm(nodes, tiny) - self.induced.between(nodes)
         places = off_electrodes(sensed.points, layout)
         # elsewhere what the table says of potentials is what is sensed
         self._moved = np.flatnonzero((places != sensed.points).any(axis=1))
@@ -248,6 +280,7 @@ def off_electrodes(places: np.ndarray, layout: Layout) -> np.ndarray:
     distance, nearest = layout.nearest(places)
     centres = layout.positions[nearest]
     beyond = _BEYOND * layout.radius
-    way = np.where(distance[:, None] > 1e-9, places - centres, [1.0, 0.0])
+    inwards = np.where(np.linalg.norm(centres, axis=1)[:, None] > 1e-9, -centres, [1.0, 0.0])
+    way = np.where(distance[:, None] > 1e-9, places - centres, inwards)
     way = way / np.maximum(np.linalg.norm(way, axis=1), 1e-12)[:, None]
     return np.where((distance < beyond)[:, None], centres + beyond * way, places)

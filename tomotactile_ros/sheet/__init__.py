@@ -23,6 +23,7 @@ def make_sheet(
     lines: Sequence[np.ndarray] = (),
     shunting: bool = True,
     h: float | None = None,
+    ring: int | None = None,
 ) -> Sheet:
     """The cheapest model of `layout` that can do what is asked, or the one that `model` names.
 
@@ -35,6 +36,7 @@ def make_sheet(
     lines : polylines (V, 2), m, that elements follow: where the resistance jumps
     shunting : electrodes as equipotentials; without it, points with a radius (Kojima et al. 2023)
     h : element size of the mesh, m
+    ring : charges on the rim of each electrode, of the closed form; see `ClosedFormSheet`
     """
     if model not in MODELS:
         raise InputError(f"model: {model!r} is none of {', '.join(MODELS)}")
@@ -43,7 +45,7 @@ def make_sheet(
     if model == "closed_form" and not even:
         raise InputError("model: the closed form needs a uniform sheet resistance; use model fem")
     if model == "closed_form" or (model == "auto" and uniform):
-        return ClosedFormSheet(layout, shunting=shunting)
+        return ClosedFormSheet(layout, shunting=shunting, ring=ring)
     return FemSheet(
         layout, h=h, shunting=shunting, resistance=resistance, anisotropy=anisotropy, lines=lines
     )

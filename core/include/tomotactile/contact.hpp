@@ -37,10 +37,17 @@ struct Conductance {
   Conductance(double strength, double mean);  // ln c; ohm
 };
 
-// What part of a patch lies beyond a line that it is `depth` radii beyond, and its slope.
-struct Beyond {
-  double part, slope;
-  explicit Beyond(double depth);
+// What part of a patch lies inside a straight rim or outside a round one, taken as a disc in which those of a lattice
+// make up what any rim cuts off a contact evenly; its derivatives by the distance, 1/m, and the logarithm of the radius.
+struct Part {
+  double value, by_distance, by_size;
 };
+Part inside_line(double depth, double radius);  // how deep inside, m
+
+// Outside a round one also how far off its middle lies the centre of gravity of what is left, m.
+struct Left {
+  Part part, middle;
+};
+Left outside_disc(double distance, double rim, double radius);  // between the middles, m
 
 }  // namespace tomotactile

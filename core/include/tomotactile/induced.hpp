@@ -1,13 +1,17 @@
-// What floating electrodes close by add to G between two places: the charge that a current induces on a conducting
-// disc lies in its inverse point (circle theorem; Milne-Thomson 1940).
+// What floating electrodes add to G between two places: the charge that a current induces on a conducting disc lies in
+// its inverse point (circle theorem; Milne-Thomson 1940).
 //
-// With a the way from the centre of an electrode of radius R to a place, as a complex number, and z = R / conj(a),
-// that is
+// From the centre of an electrode of radius R, with the way a to a place as a complex number and z = R / conj(a),
 //
-//     R_s / (2 pi) ln |1 - z_p conj(z_q)| = - R_s / (2 pi) sum_k Re(z_p^k conj(z_q)^k) / k
+//     R_s / (2 pi) ln |1 - z_p conj(z_q)| = - R_s / (2 pi) (Re z_p conj(z_q) + Re z_p^2 conj(z_q)^2 / 2 + ...)
 //
-// Some radii away the sum has few terms, and for all places and electrodes together it is one product of matrices;
-// close to an electrode the logarithm is taken as it is. Electrodes fade in and out between 0.8 and 1.3 spacings.
+// The first term, of a dipole, is felt over the whole sheet, beside the electrode even from places far away, and from
+// their images in the rims of a rectangle: with S the sum of z over a place and its images it is
+//
+//     - R_s / (2 pi) s Re S_p conj(S_q)
+//
+// s is the part of the electrode that lies on the sheet: one with its centre on a rim is its own image. The rest of the
+// logarithm is taken where both places are near enough to tell.
 #pragma once
 
 #include "tomotactile/types.hpp"
@@ -17,17 +21,23 @@ namespace tomotactile {
 constexpr double kRim = 1.001;  // radii from an electrode's centre: patches on it are moved here and have no weight
 
 struct InducedCharges {
-  Points centres;  // of all electrodes, m
-  double radius = 0, pitch = 0;
-  double scale = 0;  // R_s / (4 pi), ohm
+  Points centres;        // of all electrodes, m
+  double radius = 0;     // m
+  double scale = 0;      // R_s / (4 pi), ohm
+  Eigen::Vector2d size;  // of a rectangle that mirrors, m; else 0
+  Vector counted;        // images of each electrode in the same place, itself included: 1 / s
 
-  // 1 near an electrode, 0 far away, at squared distances, m^2; and its change with these, 1/m^2.
-  double nearness(double squared) const;
-  double nearness_slope(double squared) const;
-  double squared(double x, double y) const;  // of a way from a centre, that of the rim at least
+  InducedCharges() = default;
+  InducedCharges(Points centres, double radius, double resistance, const Eigen::Vector2d& size);
+
+  Matrix dipoles(const Points& places) const;                       // S: real parts, then imaginary ones, 2 E x P
+  std::array<Matrix, 2> dipole_slopes(const Points& places) const;  // its change with the place, 1/m
+  // 2 E x n, ohm: its product with `dipoles` is what they make of G between a place and the middle of electrodes.
+  Matrix fed(const Points& electrodes) const;
+  Vector own(const Points& places) const;  // P: what a current at each place brings about there, ohm
 };
 
-// Those that currents at places induce on the electrodes near any of them.
+// Those that currents at places induce.
 class Charges {
  public:
   Charges() = default;
@@ -39,24 +49,23 @@ class Charges {
   void add_slope(Index first, Index count, const std::vector<int>& others, Matrix& along_x, Matrix& along_y) const;
 
  private:
-  struct Close {  // an electrode so near that its sum would be long
-    Eigen::ArrayXd weight, share, fading;
-    Points apart, image;
+  struct Close {  // an electrode beside some of the places
+    std::vector<int> number;       // of each place among those near enough, or -1
+    Points z;                      // of these
+    std::vector<Points> seen;      // the same of their images in the rims that it lies on, themselves included
   };
-  static std::vector<int> there(const Close& close, const std::vector<int>& chosen);
 
-  struct Far {  // the rows below of an electrode, and the places that are near it
-    Index first, count;
-    std::vector<bool> near;
-
-    bool reaches(Index place, Index places) const;
+  struct Pairs {
+    std::vector<int> here, on, theirs;  // which of the first and of the others; the latter's numbers
+    Points z;                           // of the first
   };
+  static Pairs beside(const Close& close, Index first, Index count, const std::vector<int>& others);
 
   const InducedCharges* electrodes_ = nullptr;
   std::vector<Close> close_;
-  std::vector<Far> far_;
-  Matrix columns_;             // 2 K m x P: B with B^T B what charges take away
-  Matrix along_x_, along_y_;   // its change with the place
+  Points places_;
+  Matrix dipoles_;  // 2 E x P
+  Vector weights_;  // 2 E
 };
 
 }  // namespace tomotactile

@@ -48,11 +48,13 @@ struct Tables {
   std::vector<Cut> discs;     // by patches to the width
 
   Lattice fine;               // of potentials
-  Matrix potentials;          // n x K: G without its logarithm, ohm
+  Matrix potentials;          // n x K: G without its logarithm and dipoles, ohm
   Vector own;                 // K: what is only known of patches with themselves, ohm
   Lattice coarse;             // of what is smooth
   Matrix smooth;              // M x M: G without logarithms and charges close by, ohm
-  InducedCharges induced;
+  InducedCharges induced;     // of all electrodes
+  Vector counted;             // n: how often the logarithm of each electrode counts, with its images at its place
+  Matrix fed;                 // 2 E x n: what dipoles of all make of the potentials of those in use, ohm; made from the above
 
   std::array<Matrix, 2> fields;   // n x n each: at the first electrode while the second is at 1 V, 1/m
   std::vector<Mirror> mirrors;

@@ -15,7 +15,7 @@
 
 namespace tomotactile {
 
-constexpr double kScreened = 2.0;  // spacings between contacts beyond which D between them is nothing
+constexpr double kScreened = 2.5;  // spacings between contacts beyond which D between them is nothing
 
 // How D between p patches of a contact and m `near` it changes with places of the former, p x m, ohm/m, and what it
 // falls by among themselves with the logarithm of their radii, p x p, ohm.
@@ -74,8 +74,9 @@ class Touches {
   Points place_;
   Vector radii_;
   Eigen::Array2Xd moving_, way_;     // 1 where a place is not held at the rim; from the nearest electrode's centre
-  Eigen::ArrayXd longer_;            // how much more a patch on a rim moves; where `inside_`
-  Eigen::Array<bool, Eigen::Dynamic, 1> inside_, bare_;
+  // where a rim crosses a patch (`crossed_`), what is left of it moves more or less, around and off, and with its size
+  Eigen::ArrayXd around_rim_, off_rim_, grown_off_;
+  Eigen::Array<bool, Eigen::Dynamic, 1> crossed_, bare_;
   std::vector<int> electrode_;       // nearest one, n: not in use
   Eigen::ArrayXd on_, off_, steep_radius_, rising_radius_;
   Eigen::Array2Xd steep_, rising_;
