@@ -248,11 +248,14 @@ def test_a_crowd_on_a_worn_sensor(count, side, seed):
 
 def test_a_search_that_is_used_up_says_so():
     """Of 24 contacts one spacing apart 15 to 18 were reported, some where nothing is, as all there is."""
-    random, found = np.random.default_rng(14), search("8x8")
-    discs = [(*at, 5e-3, 2e4) for at in crowd(16, 0.04, random)]
-    rows, prior = rows_of(simulate("8x8", discs)), unknown(found.operator)
-    assert found.gave_up(found.contacts(rows, prior, budget=1))
-    assert not found.gave_up(found.contacts(rows, prior))
+    found, told = search("8x8"), []
+    lattice = np.array([(0.03 * i, 0.03 * j) for i in range(-2, 3) for j in range(-2, 3)])
+    dense = lattice + np.random.default_rng(1).uniform(-2e-3, 2e-3, (25, 2))
+    for pressed, how in ((dense, {"budget": 1}), (crowd(16, 0.04, np.random.default_rng(14)), {})):
+        frame = simulate("8x8", [(*at, 5e-3, 2e4) for at in pressed])
+        fit = found.contacts(rows_of(frame), unknown(found.operator), **how)
+        told.append((found.gave_up(fit), len(fit.unknowns.contacts) == len(pressed)))
+    assert told == [(True, False), (False, True)]
 
 
 def test_fingers_beside_a_palm_are_no_cells():

@@ -21,7 +21,6 @@ constexpr double kManySteps = 3.0;   // take as long as new derivatives by the c
 // steps in turn that gain less than this part of what they promise are the last ones: they creep along a valley
 constexpr int kCreeping = 2;
 constexpr double kCreeps = 0.05;
-constexpr double kPartly = 0.5;      // of what a whole step promises: with less gained, a part of it is tried
 constexpr double kHope = 3.0;        // times what a step gained, all that follow may gain
 
 Point with(const Point& fit, Unknowns unknowns) { return std::make_shared<Fit>(fit->with(std::move(unknowns))); }
@@ -46,27 +45,13 @@ Point back(const Linear& linear, Point tried, int chords, double& work) {
   return nullptr;
 }
 
-// The least of the parabola through where a step began, its slope there and where it led to, as a part of the step: where
-// rims cross those of electrodes readings bend within it.
-double least_along(double promised, double gained) { return promised / (2 * promised - gained); }
-
-Unknowns part_of(const Linear& linear, const Step& step, double part) {
-  Unknowns out = linear.fit->unknowns;
-  const auto along = [part](auto& from, const auto& to) { from += part * (to - from).eval(); };
-  along(out.contacts, step.unknowns.contacts), along(out.rates, step.unknowns.rates), along(out.sheet, step.unknowns.sheet);
-  along(out.gain, step.unknowns.gain), along(out.offset, step.unknowns.offset);
-  along(out.resistance, step.unknowns.resistance), along(out.aside, step.unknowns.aside);
-  return out;
-}
-
 struct Descent {
   Point better;  // null if there is none
   Step step;     // the last one
   double damping;
 };
 
-// rests : the step is one from where earlier rows led, near the best fit: elsewhere damping tells more than a parabola
-Descent descend(const Linear& linear, double damping, int chords, double& work, bool rests = false) {
+Descent descend(const Linear& linear, double damping, int chords, double& work) {
   const Fit& fit = *linear.fit;
   Descent out{nullptr, {}, damping};
   for (int tries = 0; tries < kTries; ++tries) {
@@ -75,12 +60,6 @@ Descent descend(const Linear& linear, double damping, int chords, double& work, 
     if (tries >= kFewTries && out.step.promised < kLittle * (fit.chi_squared - double(fit.rows->count))) break;
     Point tried = with(linear.fit, out.step.unknowns);
     work += double(tried->prediction->work());
-    const double gained = fit.cost - tried->cost;
-    if (rests && out.step.whole && gained < kPartly * out.step.promised) {
-      Point nearer = with(linear.fit, part_of(linear, out.step, least_along(out.step.promised, gained)));
-      work += double(nearer->prediction->work());
-      if (nearer->cost < tried->cost) tried = std::move(nearer);
-    }
     if (tried->cost < fit.cost) {
       out.better = tried, out.damping /= 10;
       return out;
@@ -122,12 +101,11 @@ Solution solve(Point fit, int steps, std::shared_ptr<const Equations> known, dou
   Solution out;
   double damping = kFirstDamping;
   bool slow = false;
-  const bool rests = known && known->serves(*fit) && known->fit->rows != fit->rows;
   Linear linear = Linear::of_all(fit, known);
   for (int step = 0; step < std::max(steps, 1); ++step) {
     if (step) linear = Linear::of_all(fit, known, slow ? Taken::kSheet : Taken::kServing);
     known = linear.equations;
-    const Descent found = descend(linear, damping, kChords, out.work, rests);
+    const Descent found = descend(linear, damping, kChords, out.work);
     damping = found.damping;
     const double gained = found.better ? fit->cost - found.better->cost : 0.0;
     if (found.better) fit = found.better;

@@ -6,8 +6,8 @@
 //
 //     x^2 exp(E1(x^2 / (e^gamma r^2))) in the place of x^2,     r^2 the mean of the squared radii,
 //
-// the charges that it induces on electrodes close by (induced.hpp), a part that is smooth over the sheet, and what is
-// only known of a patch with itself. Contacts two spacings and more apart do not feel each other: electrodes screen.
+// the charges that it induces on electrodes (induced.hpp), a part that is smooth over the sheet, and what is
+// only known of a patch with itself. Contacts 2.5 spacings and more apart do not feel each other: electrodes screen.
 // Cells of one shape all do.
 #pragma once
 
