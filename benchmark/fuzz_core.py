@@ -67,7 +67,9 @@ def sensor():
 
 def one(random, operator, unknowns, rows, prior) -> None:
     """A call with one argument spoilt."""
-    where = random.integers(8)
+    where = random.integers(9)
+    if where == 8:
+        return of_charges(random, operator)
     if where > 5:
         return of_follow(random, operator, unknowns, prior)
     if where > 3:
@@ -95,6 +97,17 @@ def one(random, operator, unknowns, rows, prior) -> None:
     linear.equations.unevenness(fit)
     compiled.approach(fit, 2000.0)
     compiled.solve(fit, int(random.integers(-1, 3)), linear.equations, np.inf, 2000.0)
+
+
+def of_charges(random, operator) -> None:
+    """What electrodes make of places, with one array of either spoilt."""
+    layout = operator.layout
+    given = [layout.positions, np.array(layout.outline.size), layout.positions + 0.01]
+    which = int(random.integers(3))
+    given[which] = spoilt(given[which], random)
+    charges = compiled.InducedCharges(given[0], layout.radius, 1e4, given[1])
+    for of_places in (charges.between, charges.own, charges.potentials):
+        of_places(given[2])
 
 
 def of_rows(random, operator, unknowns, prior, of_sensor: bool) -> None:
