@@ -752,12 +752,8 @@ class Search(Fits):
         return self._obeyed[1]
 
     def _may_be_two(self, fit: Fit) -> bool:
-        """Whether a long contact leaves more over than noise does: it may be two, of which no first
-        order tells."""
-        return (
-            bool(are_long(fit.unknowns.contacts).any())
-            and fit.chi_squared - fit.rows.count > self._threshold
-        )
+        """Whether a contact is long: it may be two, of which no first order tells."""
+        return bool(are_long(fit.unknowns.contacts).any())
 
     def _counts(self, fit: Fit, promised: float) -> bool:
         """Whether it would be significant if so much less of the cost were left over."""
