@@ -16,14 +16,16 @@ template <class Seen>
 void for_images(const InducedCharges& e, const Eigen::Vector2d& place, Seen seen) {
   const int images = e.size.x() > 0 ? 3 : 1;
   const double sign[3] = {1, -1, -1}, beside[3] = {0, e.size.x(), -e.size.x()}, above[3] = {0, e.size.y(), -e.size.y()};
+  std::array<Eigen::ArrayXd, 3> x, y;
   for (int i = 0; i < images; ++i) {
-    const Eigen::ArrayXd x = sign[i] * place.x() + beside[i] - e.centres.row(0).transpose().array();
-    for (int j = 0; j < images; ++j)
-      seen(x, (sign[j] * place.y() + above[j] - e.centres.row(1).transpose().array()).eval(), sign[i], sign[j]);
+    x[i] = sign[i] * place.x() + beside[i] - e.centres.row(0).transpose().array();
+    y[i] = sign[i] * place.y() + above[i] - e.centres.row(1).transpose().array();
   }
+  for (int i = 0; i < images; ++i)
+    for (int j = 0; j < images; ++j) seen(x[i], y[j], sign[i], sign[j]);
 }
 
-// Along which axes an electrode with so many images at its place is its own one: signs of these images.
+// The signs of the images of an electrode that lie in its own place: one on a rim is its own image.
 std::vector<Eigen::Vector2d> own_images(const InducedCharges& e, Index electrode) {
   std::vector<Eigen::Vector2d> out;
   for_images(e, e.centres.col(electrode), [&](const auto& x, const auto& y, double to_x, double to_y) {

@@ -197,9 +197,8 @@ class MutualTable:
     Taken apart into the logarithm of the distance, that to mirror images beyond a near rim
     included; the charges that it induces on floating electrodes (circle theorem); a part that is
     smooth over the whole sheet and beyond its rims, known on a coarse lattice on both sides; and what
-    is left and rims of other outlines add, which is known for a patch with itself
-    and taken as the mean of two for others of the same contact. What is made of it is compiled
-    (`touches.hpp`).
+    is left, of rims of other outlines above all, which is known for a patch with itself and taken as
+    the mean of two for others of the same contact. What is made of it is compiled (`touches.hpp`).
     """
 
     def __init__(self, sheet: Sheet, lattice: Lattice, potentials: PotentialTable, sensed: Sensed):
