@@ -25,21 +25,19 @@ void for_images(const InducedCharges& e, const Eigen::Vector2d& place, Seen seen
     for (int j = 0; j < images; ++j) seen(x[i], y[j], sign[i], sign[j]);
 }
 
-// The signs of the images of an electrode that lie in its own place: one on a rim is its own image.
-std::vector<Eigen::Vector2d> own_images(const InducedCharges& e, Index electrode) {
-  std::vector<Eigen::Vector2d> out;
-  for_images(e, e.centres.col(electrode), [&](const auto& x, const auto& y, double to_x, double to_y) {
-    if (std::hypot(x[electrode], y[electrode]) < kSame * e.radius) out.emplace_back(to_x, to_y);
-  });
-  return out;
-}
-
 }  // namespace
 
 InducedCharges::InducedCharges(Points at, double wide, double resistance, const Eigen::Vector2d& mirrored)
-    : centres(std::move(at)), radius(wide), scale(resistance / (4 * kPi)), size(mirrored), counted(centres.cols()) {
+    : centres(std::move(at)), radius(wide), scale(resistance / (4 * kPi)), size(mirrored),
+      own_images(centres.cols()), counted(centres.cols()), weights(2 * centres.cols()) {
   if (!(radius > 0 && scale > 0)) throw BadInput("induced charges: radius and resistance must be above 0");
-  for (Index e = 0; e < centres.cols(); ++e) counted[e] = double(own_images(*this, e).size());
+  for (Index e = 0; e < centres.cols(); ++e) {
+    for_images(*this, centres.col(e), [&](const auto& x, const auto& y, double to_x, double to_y) {
+      if (std::hypot(x[e], y[e]) < kSame * radius) own_images[e].emplace_back(to_x, to_y);
+    });
+    counted[e] = double(own_images[e].size());
+  }
+  weights << 2 * scale * counted.cwiseInverse(), 2 * scale * counted.cwiseInverse();
 }
 
 Matrix InducedCharges::dipoles(const Points& places) const {
@@ -74,10 +72,7 @@ std::array<Matrix, 2> InducedCharges::dipole_slopes(const Points& places) const 
 }
 
 Matrix InducedCharges::fed(const Points& electrodes) const {
-  const Eigen::ArrayXd weight = -2 * scale / counted.array();
-  Vector both(2 * weight.size());
-  both << weight.matrix(), weight.matrix();
-  return both.asDiagonal() * dipoles(electrodes);
+  return (-weights).asDiagonal() * dipoles(electrodes);
 }
 
 Vector InducedCharges::own(const Points& places) const {
@@ -91,9 +86,7 @@ Vector InducedCharges::own(const Points& places) const {
 }
 
 Charges::Charges(const InducedCharges& electrodes, const Points& places)
-    : electrodes_(&electrodes), places_(places), dipoles_(electrodes.dipoles(places)), weights_(2 * electrodes.centres.cols()) {
-  const Eigen::ArrayXd weight = 2 * electrodes.scale / electrodes.counted.array();
-  weights_ << weight.matrix(), weight.matrix();
+    : electrodes_(&electrodes), dipoles_(electrodes.dipoles(places)) {
   const double rim = kRim * electrodes.radius;
   for (Index e = 0; e < electrodes.centres.cols(); ++e) {
     const Points apart = places.colwise() - electrodes.centres.col(e);
@@ -105,7 +98,7 @@ Charges::Charges(const InducedCharges& electrodes, const Points& places)
       if (size[p] > kClose) close.number[p] = int(there.size()), there.push_back(int(p));
     if (there.empty()) continue;
     close.z = apart(Eigen::all, there) * (size(there).square() / electrodes.radius).matrix().asDiagonal();
-    for (const Eigen::Vector2d& sign : own_images(electrodes, e)) close.seen.push_back(sign.asDiagonal() * close.z);
+    for (const Eigen::Vector2d& sign : electrodes.own_images[e]) close.seen.push_back(sign.asDiagonal() * close.z);
     close_.push_back(std::move(close));
   }
 }
@@ -123,7 +116,7 @@ Charges::Pairs Charges::beside(const Close& close, Index first, Index count, con
 }
 
 void Charges::add_between(Index first, Index count, const std::vector<int>& others, Matrix& out) const {
-  out.noalias() -= (weights_.asDiagonal() * dipoles_.middleCols(first, count)).transpose() * dipoles_(Eigen::all, others);
+  out.noalias() -= (electrodes_->weights.asDiagonal() * dipoles_.middleCols(first, count)).transpose() * dipoles_(Eigen::all, others);
   for (const Close& close : close_) {
     const Pairs pairs = beside(close, first, count, others);
     if (pairs.here.empty() || pairs.on.empty()) continue;
@@ -139,12 +132,11 @@ void Charges::add_between(Index first, Index count, const std::vector<int>& othe
   }
 }
 
-void Charges::add_slope(Index first, Index count, const std::vector<int>& others, Matrix& along_x,
-                        Matrix& along_y) const {
-  const Matrix theirs = weights_.asDiagonal() * dipoles_(Eigen::all, others);
-  const std::array<Matrix, 2> slopes = electrodes_->dipole_slopes(places_.middleCols(first, count));
-  along_x.noalias() -= slopes[0].transpose() * theirs;
-  along_y.noalias() -= slopes[1].transpose() * theirs;
+void Charges::add_slope(Index first, Index count, const std::vector<int>& others, const std::array<Matrix, 2>& steep,
+                        Matrix& along_x, Matrix& along_y) const {
+  const Matrix theirs = electrodes_->weights.asDiagonal() * dipoles_(Eigen::all, others);
+  along_x.noalias() -= steep[0].transpose() * theirs;
+  along_y.noalias() -= steep[1].transpose() * theirs;
   for (const Close& close : close_) {
     const Pairs pairs = beside(close, first, count, others);
     if (pairs.here.empty() || pairs.on.empty()) continue;

@@ -124,27 +124,23 @@ Matrix Sheet::field_at(const Points& places) const {
   return out;
 }
 
-Matrix Sheet::potentials_at(const Points& places) const {
-  Matrix out;
-  potentials_at(places, &out, nullptr);
+Matrix Sheet::potentials_at(const Points& places, const Matrix& dipoles) const {
+  Matrix out = tables_->fed.transpose() * dipoles;
+  add_read(places, &out, nullptr);
   return out;
 }
 
-std::array<Matrix, 2> Sheet::steep_at(const Points& places) const {
-  std::array<Matrix, 2> out;
-  potentials_at(places, nullptr, &out);
+std::array<Matrix, 2> Sheet::steep_at(const Points& places, const std::array<Matrix, 2>& dipole_slopes) const {
+  std::array<Matrix, 2> out{tables_->fed.transpose() * dipole_slopes[0], tables_->fed.transpose() * dipole_slopes[1]};
+  add_read(places, nullptr, &out);
   return out;
 }
 
-void Sheet::potentials_at(const Points& places, Matrix* potentials, std::array<Matrix, 2>* slopes) const {
+// Logarithms and what is read off the lattice.
+void Sheet::add_read(const Points& places, Matrix* potentials, std::array<Matrix, 2>* slopes) const {
   const Tables& t = *tables_;
   const double least = t.radius * t.radius;
   const Eigen::ArrayXd scale = t.resistance / (2 * kPi) * t.counted.array();
-  if (potentials) potentials->noalias() = t.fed.transpose() * t.induced.dipoles(places);
-  if (slopes) {
-    const std::array<Matrix, 2> steep = t.induced.dipole_slopes(places);
-    for (int d = 0; d < 2; ++d) (*slopes)[d].noalias() = t.fed.transpose() * steep[d];
-  }
   for (Index p = 0; p < places.cols(); ++p) {
     const Stencil stencil = t.fine.at(places(0, p), places(1, p));
     const Matrix near = t.potentials(Eigen::all, stencil.nodes);
@@ -183,8 +179,10 @@ Matrix Sheet::potentials_sum(const Points& places, const std::array<Matrix, 3>& 
 void Sheet::even_discs_at(const Points& places, double radius, Matrix& share, std::array<Matrix, 2>& slopes) const {
   const Tables& t = *tables_;
   const Index n = count();
-  Matrix potentials;
-  potentials_at(places, &potentials, &slopes);
+  const std::array<Matrix, 2> steep = t.induced.dipole_slopes(places);
+  Matrix potentials = t.fed.transpose() * t.induced.dipoles(places);
+  for (int d = 0; d < 2; ++d) slopes[d].noalias() = t.fed.transpose() * steep[d];
+  add_read(places, &potentials, &slopes);
   const double wide = std::max(radius, t.radius), narrow = std::min(radius, t.radius);
   for (Index p = 0; p < places.cols(); ++p)
     for (Index e = 0; e < n; ++e) {

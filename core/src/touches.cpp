@@ -129,9 +129,9 @@ Matrix log_distances(const Outline& outline, const Points& mine, const Eigen::Ar
 Matrix mutual_impedance(const Sheet& sheet, const Points& places, const Vector& radii) {
   const Tables& t = sheet.tables();
   const Index n = sheet.count(), count = places.cols();
-  const Matrix potentials = sheet.potentials_at(places);
   const Around around(t.coarse, places);
   const Charges charges(t.induced, places);
+  const Matrix potentials = sheet.potentials_at(places, charges.dipoles());
   std::vector<int> all(count);
   std::iota(all.begin(), all.end(), 0);
   Matrix out = around.values(around.values(t.smooth(around.nodes, around.nodes)).transpose());
@@ -221,9 +221,9 @@ void Touches::place(const Vector& area) {
 void Touches::connect(const Touches* known) {
   const Tables& t = sheet->tables();
   const Index n = sheet->count();
-  const Matrix potentials = sheet->potentials_at(place_);
   around_ = Around(t.coarse, place_);
   charges_ = Charges(t.induced, place_);
+  const Matrix potentials = sheet->potentials_at(place_, charges_.dipoles());
   Vector alone = sheet->alone_at(place_);
   if (!sheet->about_even()) alone += sheet->own_added(around_);
   solved_ = (t.inverse.topLeftCorner(n, n) * potentials).colwise() + t.inverse.topRightCorner(n, 1).col(0);
@@ -380,12 +380,13 @@ Slope Touches::impedance_slope(Index i) const {
   Matrix &slope_x = out.along_x, &slope_y = out.along_y;
   slope_x = slope_y = Matrix::Zero(count, reach);
   out.grown = Matrix::Zero(count, count);
-  charges_.add_slope(first, count, others, slope_x, slope_y);
+  const Points mine = place_.middleCols(first, count);
+  const std::array<Matrix, 2> dipole_slopes = t.induced.dipole_slopes(mine);
+  charges_.add_slope(first, count, others, dipole_slopes, slope_x, slope_y);
   const Matrix smooth = smooth_(others, Eigen::all);
   slope_x += around_.along_x(smooth, first, count).transpose();
   slope_y += around_.along_y(smooth, first, count).transpose();
-  const Points mine = place_.middleCols(first, count);
-  out.steep = sheet->steep_at(mine);
+  out.steep = sheet->steep_at(mine, dipole_slopes);
   const Matrix solved = solved_(Eigen::all, others);
   slope_x.noalias() -= out.steep[0].transpose() * solved;
   slope_y.noalias() -= out.steep[1].transpose() * solved;

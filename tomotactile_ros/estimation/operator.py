@@ -329,13 +329,6 @@ class SheetOperator:
         logarithm = changed if self._rest is None else changed + self._rest.factor
         return self.admittance * np.exp(np.clip(logarithm, -2, 2))
 
-    def admittance_change(self, sheet: np.ndarray) -> np.ndarray:
-        """(J, n, n) derivative of `admittance_of`, S."""
-        if self._rest is None and not sheet.any():
-            return self._first_change
-        scaled = self._scaled(self._changed(sheet))
-        return _balanced(self._change * np.where(self.seen, scaled, 1.0))
-
     def share_added(self, sheet: np.ndarray, around: Around) -> np.ndarray:
         """(n, Q) what the coefficients `sheet` (J,) add to H at places."""
         return self.added_at(sheet, around.nodes) @ around.weights.T

@@ -735,7 +735,8 @@ class Search(Fits):
         self._next(fit)
         if self._counts(fit, fit.promised) or self._form_matters(fit):
             return True
-        return self._may_be_two(fit)
+        # a long one may be two, of which no first order tells
+        return bool(are_long(fit.unknowns.contacts).any())
 
     def _leaves_over(self, fit: Fit) -> bool:
         """Whether other contacts may leave less over: more is than of right ones, also in parts of what
@@ -750,10 +751,6 @@ class Search(Fits):
             found = reciprocity(rows, prior, ROUNDS)
             self._obeyed = rows, found.least(rows.count)
         return self._obeyed[1]
-
-    def _may_be_two(self, fit: Fit) -> bool:
-        """Whether a contact is long: it may be two, of which no first order tells."""
-        return bool(are_long(fit.unknowns.contacts).any())
 
     def _counts(self, fit: Fit, promised: float) -> bool:
         """Whether it would be significant if so much less of the cost were left over."""

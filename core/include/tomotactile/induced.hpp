@@ -25,7 +25,10 @@ struct InducedCharges {
   double radius = 0;     // m
   double scale = 0;      // R_s / (4 pi), ohm
   Eigen::Vector2d size;  // of a rectangle that mirrors, m; else 0
-  Vector counted;        // images of each electrode in the same place, itself included: 1 / s
+  // signs of the images of each electrode that lie in its own place, itself included: one on a rim is its own image
+  std::vector<std::vector<Eigen::Vector2d>> own_images;
+  Vector counted;        // E: how many these are, 1 / s
+  Vector weights;        // 2 E, ohm: R_s s / (2 pi) of the rows of `dipoles`
 
   InducedCharges() = default;
   InducedCharges(Points centres, double radius, double resistance, const Eigen::Vector2d& size);
@@ -45,8 +48,10 @@ class Charges {
 
   // Adds what they make of G between places `first` ... `first + p` and `others`, p x q, ohm.
   void add_between(Index first, Index count, const std::vector<int>& others, Matrix& out) const;
-  // Adds the change of that with the place of the first, ohm/m.
-  void add_slope(Index first, Index count, const std::vector<int>& others, Matrix& along_x, Matrix& along_y) const;
+  // Adds the change of that with the place of the first, ohm/m; `steep`: the `dipole_slopes` of these.
+  void add_slope(Index first, Index count, const std::vector<int>& others, const std::array<Matrix, 2>& steep, Matrix& along_x,
+                 Matrix& along_y) const;
+  const Matrix& dipoles() const { return dipoles_; }
 
  private:
   struct Close {  // an electrode beside some of the places
@@ -63,9 +68,7 @@ class Charges {
 
   const InducedCharges* electrodes_ = nullptr;
   std::vector<Close> close_;
-  Points places_;
   Matrix dipoles_;  // 2 E x P
-  Vector weights_;  // 2 E
 };
 
 }  // namespace tomotactile

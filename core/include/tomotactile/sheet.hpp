@@ -51,7 +51,7 @@ struct Tables {
   Matrix potentials;          // n x K: G without its logarithm and dipoles, ohm
   Vector own;                 // K: what is only known of patches with themselves, ohm
   Lattice coarse;             // of what is smooth
-  Matrix smooth;              // M x M: G without logarithms and charges close by, ohm
+  Matrix smooth;              // M x M: G without logarithms and induced charges, ohm
   InducedCharges induced;     // of all electrodes
   Vector counted;             // n: how often the logarithm of each electrode counts, with its images at its place
   Matrix fed;                 // 2 E x n: what dipoles of all make of the potentials of those in use, ohm; made from the above
@@ -98,10 +98,9 @@ class Sheet {
   Matrix field_at(const Points& places) const;                         // Q x J
   Vector inside(const Vector& sheet) const { return tables_->inside * (sheet[modes() - 1] - tables_->printed); }  // n, ohm
 
-  // G between electrodes in use and places, n x P, ohm; its slopes, ohm/m; or both at once, each where it is wanted.
-  Matrix potentials_at(const Points& places) const;
-  std::array<Matrix, 2> steep_at(const Points& places) const;
-  void potentials_at(const Points& places, Matrix* potentials, std::array<Matrix, 2>* slopes) const;
+  // G between electrodes in use and places, n x P, ohm; its slopes, ohm/m. Those of `induced` there are given.
+  Matrix potentials_at(const Points& places, const Matrix& dipoles) const;
+  std::array<Matrix, 2> steep_at(const Points& places, const std::array<Matrix, 2>& dipole_slopes) const;
   // Sums over places of these, n x m: weights (m x P) of G, of its slope along x and along y.
   Matrix potentials_sum(const Points& places, const std::array<Matrix, 3>& weights) const;
   // H of discs of a radius, m, at places, n x P, on an even sheet and on that it is right about; its slopes, 1/m.
@@ -120,6 +119,7 @@ class Sheet {
   Vector mean_;
   std::shared_ptr<const Rest> rest_;
 
+  void add_read(const Points& places, Matrix* potentials, std::array<Matrix, 2>* slopes) const;  // without dipoles
   Matrix changed(const Vector& sheet) const;
   Matrix scaled(const Matrix& changed) const;
 };
