@@ -61,6 +61,8 @@ ContactArray:
     uint8 state
     boolean complete
     string reason
+    boolean ambiguous
+    sequence<tomotactile_ros/Contact> alternative
 """
 
 

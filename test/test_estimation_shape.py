@@ -35,6 +35,39 @@ def pressed(case, family="wide-8x8", step=1):
             yield result, truth
 
 
+def touched(contacts, count):
+    """Results of frames of a contact or a pair each, twice, an untouched one before, on the default sensor."""
+    layout = load_layout("equal-8x8")
+    simulator = Simulator(layout, make_scene(contacts))
+    pipeline, grounded = pipeline_of(layout), np.arange(layout.electrodes)
+    for number in range(count):
+        pipeline.process(simulator.frame(-1.0, number), grounded, DRIVE)
+        frame = simulator.frame(number + 0.5, number)
+        yield [pipeline.process(frame, grounded, DRIVE) for _ in range(2)]
+
+
+def test_one_long_contact_or_two_is_not_chosen_in_silence():
+    """Rods of 25 x 8 mm and discs of 5 mm that are 15 mm apart look nearly the same to electrodes that are 29 mm apart:
+    5 of 16 rods were two contacts, 3 of 16 pairs one, and nothing said so."""
+    random, rods, pairs = np.random.default_rng(5), [], []
+    for start in range(8):
+        centre, angle = random.uniform(-0.08, 0.08, 2), random.uniform(0, 180)
+        lasts = {"pressure": 3e4, "start": start, "end": start + 1}
+        rods.append(contact.Contact("rectangle", centre, size=(0.025, 0.008), angle=angle, **lasts))
+        way = 0.0075 * np.array([np.cos(np.radians(angle)), np.sin(np.radians(angle))])
+        pairs += [
+            contact.Contact("disc", centre + side * way, radius=0.005, **lasts) for side in (1, -1)
+        ]
+    right, ambiguous = 0, 0
+    for contacts, true in ((rods, 1), (pairs, 2)):
+        for results in touched(contacts, 8):
+            for result in results:  # also of the frame after it, which begins with what was found
+                assert true in (len(result.contacts), len(result.alternative or ())), true
+            right += len(results[0].contacts) == true
+            ambiguous += results[0].ambiguous
+    assert right >= 13 and ambiguous < 12
+
+
 @pytest.mark.parametrize(
     "family, case, true, ghosts, missed",
     [

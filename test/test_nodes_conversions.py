@@ -123,8 +123,14 @@ def test_contacts_survive_their_message(layout):
     )
     contacts = [followed, a_contact(x=-0.01)]
     placed = in_space(layout.surface, contacts)
-    message = round_trip(contact_messages.contacts_to_message(contacts, placed, HEADER))
+    beside = [a_contact(x=0.02)], in_space(layout.surface, [a_contact(x=0.02)])
+    sure = contact_messages.contacts_to_message(contacts, placed, HEADER)
+    assert contact_messages.message_to_alternative(round_trip(sure), layout) is None
+    told = contact_messages.contacts_to_message(contacts, placed, HEADER, alternative=beside)
+    message = round_trip(told)
     assert message.header == HEADER
+    (other,) = contact_messages.message_to_alternative(message, layout)
+    assert other.x == pytest.approx(0.02)
     found = contact_messages.message_to_contacts(message, layout)
     for one, other in zip(found, contacts, strict=True):
         np.testing.assert_allclose((one.x, one.y), (other.x, other.y), atol=1e-9)

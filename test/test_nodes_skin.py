@@ -89,8 +89,11 @@ def test_contacts_of_two_sensors_become_one_list_in_the_robots_frame(probe, star
     ros_checks.check_diagnostics(probe, "skin: sensors", DiagnosticStatus.OK, "all sensors")
     left.changes["complete"] = False
     merged(probe, lambda m: len(m.contacts) == 2 and not m.complete)
-    left.changes["complete"] = True
-    merged(probe, lambda m: len(m.contacts) == 2 and m.complete)
+    left.changes.update(complete=True, ambiguous=True)  # perhaps nothing touches the left one
+    maybe = merged(probe, lambda m: len(m.contacts) == 2 and m.complete and m.ambiguous)
+    assert [each.id >> 24 for each in maybe.alternative] == [2]
+    left.changes["ambiguous"] = False
+    assert not merged(probe, lambda m: not m.ambiguous).alternative
     right.timer.cancel()
     left_only = merged(probe, lambda m: m.state == ContactArray.STALE)
     assert [c.id >> 24 for c in left_only.contacts] == [1]

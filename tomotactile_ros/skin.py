@@ -30,6 +30,7 @@ class Member:
     complaint : why its contacts are not known; empty where they are.
     contacts : in the skin's frame, of whatever kind.
     complete : whether all was tried to find them.
+    alternative : contacts that are nearly as likely; None: there are none.
     force, torque : (3,) of these contacts, N and N m, in the skin's frame.
     """
 
@@ -37,6 +38,7 @@ class Member:
     complaint: str = ""
     contacts: list = field(default_factory=list)
     complete: bool = True
+    alternative: list | None = None
     force: np.ndarray = field(default_factory=lambda: np.full(3, np.nan))
     torque: np.ndarray = field(default_factory=lambda: np.full(3, np.nan))
 
@@ -77,14 +79,17 @@ class Skin:
         member = self.members[name]
         return "silent" if member.is_silent(now, self.timeout) else member.complaint
 
-    def contacts(self, now: float) -> list[tuple[int, Any]]:
-        """(number of the sensor, contact) of all sensors that are known, sensor by sensor."""
+    def contacts(self, now: float, others: bool = False) -> list[tuple[int, Any]]:
+        """(number of the sensor, contact) of all sensors that are known, sensor by sensor; `others` : of
+        those where other contacts are nearly as likely, these."""
         problems = self.problems(now)
         return [
             (number, contact)
             for number, (name, member) in enumerate(self.members.items())
             if name not in problems
-            for contact in member.contacts
+            for contact in (
+                member.alternative if others and member.alternative is not None else member.contacts
+            )
         ]
 
     def wrench(self, now: float) -> tuple[np.ndarray, np.ndarray]:

@@ -221,7 +221,8 @@ def results_writer(
     file.
 
     pressure (N, H, W) Pa, potential (N, H, W) V with `images`, contacts as JSON, latency (N,) s,
-        stamps (N,) s, complete (N,) whether all was tried;
+        stamps (N,) s, complete (N,) whether all was tried, ambiguous (N,) whether other contacts explain the
+        readings nearly as well, and these, alternatives, as contacts;
     without a contact law: conductance (N, H, W) S/m² with `images`, and pressure NaN;
     where contacts of some frame are withheld, reason (N,), empty for the others. However many
     frames there are, it takes little memory.
@@ -236,14 +237,16 @@ def results_writer(
             )
             if law is None:
                 writer.append(conductance=np.asarray(result.conductance, np.float32))
-        writer.append(latency=latency, stamps=float(stamp), complete=result.complete)
-        contacts = json.dumps([contact_entry(contact) for contact in result.contacts])
-        writer.append_text(contacts=f"{', ' if reasons else '['}{contacts}")
+        writer.append(latency=latency, stamps=float(stamp))
+        writer.append(complete=result.complete, ambiguous=result.ambiguous)
+        for name, found in (("contacts", result.contacts), ("alternatives", result.alternative)):
+            told = json.dumps([contact_entry(contact) for contact in found or ()])
+            writer.append_text(**{name: f"{', ' if reasons else '['}{told}"})
         reasons.append(result.reason)
 
     with npz_writer(path) as writer:
         yield take
-        writer.append_text(contacts="]")
+        writer.append_text(contacts="]", alternatives="]")
         if any(reasons):
             writer.put(reason=np.array(reasons))
 

@@ -45,6 +45,7 @@ from tomotactile_ros.estimation.reported import (
     Contact,
     Estimate,
     contacts_of,
+    differ,
     joined,
     may_be_anywhere,
     meets_rims,
@@ -81,6 +82,7 @@ from tomotactile_ros.scenes.contact import ContactLaw
 # why an electrode is left out
 EXCLUDED, CONTRADICTS = "excluded by the settings", "its readings contradict all others"
 AT_END = "most readings are at the end of the converter's range: too much presses to say how much"
+TOO_MUCH = "too much touches at once to be told apart"
 CHANGED = "something changed in the last rows of the frame, which alone are too few to say what"
 # resistances to ground below 0, in deviations of what is expected of them, and rows that tell of them:
 # unevenness and errors of a coarse mesh made up to 1.7, electrodes of 3.5 mm for 2.5 make 2.3, hum of 20 mV 2.6
@@ -205,13 +207,14 @@ class State:
     doubted: frozenset[int] = frozenset()
     # (E,) electrodes that lie under a conductor or beside one, as found in the last frame
     covered: np.ndarray | None = None
+    other: Unknowns | None = None  # what was nearly as likely as the last fit
 
     def become(self, other: State) -> None:
         """Go on as another one."""
         vars(self).update(vars(other))
 
     def forget(self) -> None:
-        self.unknowns = self.sensor = self.equations = self.fit = self.joined = None
+        self.unknowns = self.sensor = self.equations = self.fit = self.joined = self.other = None
         self.misfit, self.refused, self.needed = 1.0, 0.0, None
 
 
@@ -504,13 +507,15 @@ class Estimator:
         state.needed = fit.needed
         state.refused = fit.promised if len(fit.rows.grounded) == len(rows.grounded) else 0.0
         reason, misfit = self._refusal(fit, torn, noise), fit.chi_squared / fit.rows.count
+        if reason and search.gave_up(fit):
+            reason = f"{reason}, or {TOO_MUCH}"
         if at_end and misfit > _LEFT_AT_END:
             reason = AT_END
         variance = scatter(fit)
         scattered = None if variance is None else (variance, fit.rows.count)
         if reason:
             state.forget()
-            unlike = reason not in (AT_END, CHANGED)
+            unlike = not reason.startswith((AT_END, CHANGED))
             known = left_out, misfit, first
             return Estimate([], [], "withheld", reason, *known, unlike=unlike), scattered
         state.fit = fit
@@ -525,7 +530,31 @@ class Estimator:
             return Estimate([], [], "withheld", reason, left_out, misfit, first), scattered
         known = left_out, misfit, first
         complete = not search.gave_up(fit)
-        return Estimate(contacts, parts, "valid", "", *known, complete=complete), scattered
+        other, state.other = self._other(search, fit, state, contacts)
+        return Estimate(
+            contacts, parts, "valid", "", *known, complete=complete, other=other
+        ), scattered
+
+    def _other(
+        self, search: Search, fit: Fit, state: State, contacts: list[Contact]
+    ) -> tuple[list[Contact] | None, Unknowns | None]:
+        """Other contacts that are nearly as likely as those of a fit, and where that is if another fit has them; None if
+        none are: other fits, or discs that are one contact as something may press between them."""
+        for tried in search.others(fit):
+            found, _ = self._reported(search, tried, State())
+            if differ(found, contacts):
+                return found, tried.unknowns
+        discs = fit.unknowns.contacts
+        if fit.unknowns.bond is None and len(contacts) < len(discs):
+            apart = groups(fit, None)
+            known = state.joined
+            assert known is not None  # contacts were reported
+            state.joined = replace(known, of=apart, lost={})
+            found, _ = self._reported(search, fit, state)
+            state.joined = known
+            if differ(found, contacts):
+                return found, None
+        return None, None
 
     def _recut(self, fit: Fit, used: tuple[int, ...], rows: int) -> bool:
         """Whether the sheet is now another one: that which a fit of so many `rows` with the electrodes
@@ -690,7 +719,15 @@ class Estimator:
                     there = Fit(search.operator, there.unknowns, kept, prior)
                 rows = kept
             fit = search.contacts(
-                rows, prior, there, budget, state.equations, refused, state.misfit, state.needed
+                rows,
+                prior,
+                there,
+                budget,
+                state.equations,
+                refused,
+                state.misfit,
+                state.needed,
+                state.other,
             )
             if timed and goes_on and _is_suspect(fit):
                 alike = search.of_one_state(rows, prior)

@@ -33,6 +33,7 @@ class Fit:
     lasting : a fit of the next rows begins with this one: the same, also with cells that conduct nothing by these rows
     needed (k, 6) : its contacts as they were when the readings were last asked whether they need them
         all, and did; None: not asked
+    begun : of one of cells where it was found from, by which its evidence is counted; None: of others
     """
 
     def __init__(
@@ -57,6 +58,7 @@ class Fit:
         self.steps, self.work, self.promised = 0, 0.0, 0.0
         self._lasting: Fit | None = None
         self.needed: np.ndarray | None = None
+        self.begun: Fit | None = None
 
     @property
     def lasting(self) -> Fit:

@@ -23,12 +23,12 @@ from tomotactile_ros.estimation.arrangement import (
     overlaps,
     with_disc,
 )
-from tomotactile_ros.estimation.equations import Equations
+from tomotactile_ros.estimation.equations import Equations, Linear, similar
 from tomotactile_ros.estimation.fit import Fit
 from tomotactile_ros.estimation.forward import Unknowns
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.solver import STEPS, approach, solve
-from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, patches_for, patches_of
+from tomotactile_ros.estimation.touch import CONDUCTANCE, RADIUS, STRETCH, patches_for, patches_of
 from tomotactile_ros.layouts.region import enclosed
 
 _RADII = (0.5, 2.0, 4.0)  # times the radius at which a fit ended that explains too little
@@ -61,6 +61,15 @@ _RIM = 2.0  # of its radius: how far from a disc's centre the rim of the sheet i
 # 14 a tap took 4.5 s
 _IN_MOTION = 10
 _LEAST_WORK = 3000  # the same of one fit, whatever is left: about half a second
+# of what is left beyond the shape: after one whole step from discs, the best fit of them leaves so
+# much: 0.6 to 0.9 where one step leaves less than three times the noise, and where it leaves more a
+# twentieth would do (parts `wide`, `wide-channels`)
+_AT_LEAST = 0.25
+FORM = 4  # parameters of a disc
+# of the cost: what each parameter more of contacts near each other is worth, where noise makes two of one of 50 long
+# ones (chi-squared, two parameters)
+WITHIN = -float(np.log(0.02))
+_KEPT = 8  # fits that are remembered: one is reported, and one as what may be as well
 
 
 class Fits:
@@ -73,6 +82,8 @@ class Fits:
         self._known: Equations | None = None  # with which the last fit ended
         self._simple: Fit | None = None  # the last answer of `_simplified`
         self._changing = False  # whether motion is the likeliest reason of what is left over
+        # of the rows at hand the likeliest of each number and places of contacts, and their prices
+        self._tried: list[tuple[float, Fit]] = []
 
     def _begin(self, start: Unknowns, like: Fit, new: int, goal: float = np.inf) -> Fit:
         """The best fit from `start`, see `_solve` and `_begun`."""
@@ -101,7 +112,33 @@ class Fits:
             fit = solve(*given, most=most)
             fit.work += work
         self._left -= fit.work
+        self._remember(fit)
         return fit
+
+    def _remember(self, fit: Fit) -> None:
+        """Keep a fit that was tried if it is the likeliest of its number and places of contacts, and among the
+        likeliest of all."""
+        if self._tried and self._tried[0][1].rows is not fit.rows:
+            self._tried = []
+        contacts, pitch = fit.unknowns.contacts, self.operator.pitch
+        alike = [
+            i for i, e in enumerate(self._tried) if similar(contacts, e[1].unknowns.contacts, pitch)
+        ]
+        price = self.price(fit)
+        if any(self._tried[i][0] <= price for i in alike):
+            return
+        if fit.unknowns.bond is None:  # its equations would take as much memory as all else
+            fit = Fit(self.operator, fit.unknowns, fit.rows, fit.prior, core=fit.core)
+        others = [each for i, each in enumerate(self._tried) if i not in alike]
+        self._tried = sorted([*others, (price, fit)], key=lambda each: each[0])[:_KEPT]
+
+    def price(self, fit: Fit, doubt: float = 1.0) -> float:
+        """Minus twice the logarithm of the evidence for a fit of discs, doubted: its cost, for contacts near each other
+        what one that noise shows anywhere may take off it, and for each parameter more of theirs what these may."""
+        u = fit.unknowns
+        things = int(clusters(u.contacts, self.operator.pitch).max(initial=-1)) + 1
+        more = np.count_nonzero(u.free) - FORM * things
+        return fit.cost / doubt + self._threshold * things + WITHIN * more
 
     def _approached(self, fit: Fit) -> Fit:
         """The same, or nearer where it leaves much over."""
@@ -127,7 +164,7 @@ class Fits:
         )
 
     def _across(self, contact: np.ndarray, before: int, least: int, most: int) -> int:
-        wanted = patches_of(contact, self.operator.pitch)
+        wanted = patches_of(contact, self.operator.pitch, before < 0)
         wanted = min(max(wanted, least) if wanted > 0 else wanted, most)
         if wanted * before < 0:
             return wanted
@@ -310,14 +347,44 @@ class Fits:
             of = np.flatnonzero(group == each)
             if len(of) < 2 or len(group) != len(fit.unknowns.contacts) or self._left <= 0:
                 continue
+            long = are_long(contacts[of]).any()
             certain = not any(self._may_go(fit, int(which)) for which in of)
-            if certain and not are_long(contacts[of]).any():
+            if len(of) > 2 and certain and not long:
                 continue
             limit = fit.cost + (len(of) - 1) * self._threshold * min(fit.doubt, _DOUBT)
-            tried = self._solve(gathered(fit.unknowns, of, self.operator.pitch), fit, goal=limit)
-            if tried.cost < limit:
+            begun = self._begun(gathered(fit.unknowns, of, self.operator.pitch), fit, 0)
+            if not long and least_after(self._after_a_step(begun), fit) > limit:
+                continue
+            tried = self._solve(begun.unknowns, begun, goal=limit)
+            if len(of) == 2:
+                tried = self._one_or_two(tried, -1, fit)
+            elif tried.cost >= limit:
+                continue
+            if tried is not fit:
                 return self._gathered(tried)
         return fit
+
+    def _after_a_step(self, fit: Fit) -> float:
+        """The cost that one whole step from a fit leads to, to first order."""
+        linear = Linear(fit, self._known)
+        self._known = linear.equations
+        return fit.cost - linear.promise
+
+    def _one_or_two(self, one: Fit, which: int, two: Fit) -> Fit:
+        """`one`, with contact `which` as an ellipse or a bar, or a fit with `two` discs in the place of it, each more of
+        their parameters at its price: that something touches there is not asked."""
+        more = np.count_nonzero(two.unknowns.free) - np.count_nonzero(one.unknowns.free)
+        price = more * WITHIN * two.doubt
+        if one.cost < two.cost + price:
+            return one
+        bar = patches_of(one.unknowns.contacts[which], self.operator.pitch, bar=True)
+        if bar > 0 or one.unknowns.across[which] < 0 or not one.unknowns.free[which, STRETCH]:
+            return two
+        across = list(one.unknowns.across)
+        across[which] = bar
+        goal = two.cost + price
+        one = self._solve(replace(one.unknowns, across=tuple(across)), one, goal=goal)
+        return one if one.cost < goal else two
 
     def _certainties(self, fit: Fit) -> np.ndarray:
         """(k,) conductance of each contact over its deviation, squared."""
@@ -351,3 +418,9 @@ class Fits:
 def _are_bare(fit: Fit) -> np.ndarray:
     """(k,) which contacts conduct more than the way to them."""
     return fit.prediction.means > np.exp(-fit.unknowns.contacts[:, CONDUCTANCE])
+
+
+def least_after(left: float, fit: Fit) -> float:
+    """The least cost of other contacts, of which one step leads to `left`, beside a fit: no less than noise."""
+    least = min(left, fit.chi_squared + _AT_LEAST * (left - fit.chi_squared))
+    return max(least, min(fit.chi_squared, float(fit.rows.count)))

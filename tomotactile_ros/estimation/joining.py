@@ -45,10 +45,13 @@ _NARROW = 0.5  # spacings: wider gaps, and those wider than the narrower disc, s
 
 
 def groups(
-    fit: Fit, allows: Callable[[Unknowns, Fit, bool], bool], known: np.ndarray | None = None
+    fit: Fit,
+    allows: Callable[[Unknowns, Fit, bool], bool] | None,
+    known: np.ndarray | None = None,
 ) -> np.ndarray:
     """(k,) number of the contact that each disc or cell of a fit belongs to; `allows` says whether the
-    readings of a fit allow other contacts as well, or do not ask for one contact more than those.
+    readings of a fit allow other contacts as well, or do not ask for one contact more than those; None: only
+    those that touch are one.
 
     known : (k,) the same as far as it is known: of the cells
     """
@@ -74,7 +77,7 @@ def groups(
         beside[: fit.unknowns.alone] &= press
         touching &= beside | beside.T
         touching |= known[:, None] == known
-    near = np.argwhere(~touching & beside)
+    near = np.argwhere(~touching & beside & (allows is not None))
     if known is not None:
         # of discs in the place of parts of a shape it was asked before whether they are one
         near = _between(near[near[:, 1] >= fit.unknowns.alone], gaps, known)
@@ -90,7 +93,7 @@ def groups(
             if group[i] == group[j]:
                 continue
             filled = _with_fillings(fit, np.array([[i, j]]))
-            if allows(filled, fit, bool(long[i] and long[j])):
+            if allows and allows(filled, fit, bool(long[i] and long[j])):
                 touching[i, j] = touching[j, i] = True
     return connected_components(touching, directed=False)[1]
 

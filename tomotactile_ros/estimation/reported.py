@@ -7,6 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
+from scipy.spatial.distance import cdist
 
 from tomotactile_ros.estimation.fit import Fit
 from tomotactile_ros.estimation.forward import RATED
@@ -86,6 +88,7 @@ class Estimate:
         not tell
     unlike : withheld because no contacts on a sheet like that of the layout explain the rows
     complete : whether the search ended by itself, or with as little left over as right contacts leave
+    other : what is nearly as likely as `contacts`, and differs from them by more than their deviations; None: nothing is
     """
 
     contacts: list[Contact]
@@ -98,6 +101,7 @@ class Estimate:
     noise: float = 0.0
     unlike: bool = False
     complete: bool = True
+    other: list[Contact] | None = None
 
 
 def contacts_of(
@@ -230,6 +234,27 @@ def four(matrix: np.ndarray) -> tuple[float, float, float, float]:
     """The numbers of a covariance (2, 2), row by row."""
     xx, xy, yx, yy = matrix.ravel().tolist()
     return xx, xy, yx, yy
+
+
+def differ(contacts: list[Contact], others: list[Contact]) -> bool:
+    """Whether two lists of contacts are not as long, or contacts of theirs lie further apart than `_CERTAIN` of their
+    deviations, or press harder, each compared with the one that it is nearest to."""
+    if len(contacts) != len(others):
+        return True
+    places = [
+        np.array([(each.x, each.y) for each in some]).reshape(-1, 2) for some in (contacts, others)
+    ]
+    for one, two in zip(*linear_sum_assignment(cdist(*places))):
+        first, second = contacts[one], others[two]
+        covariance = np.reshape(np.add(first.covariance, second.covariance), (2, 2))
+        apart = places[0][one] - places[1][two]
+        harder, spread = first.force - second.force, math.hypot(first.force_std, second.force_std)
+        if (
+            apart @ np.linalg.pinv(covariance) @ apart > _CERTAIN**2
+            or abs(harder) > _CERTAIN * spread
+        ):
+            return True
+    return False
 
 
 def may_be_anywhere(covariance: np.ndarray, layout: Layout) -> bool:

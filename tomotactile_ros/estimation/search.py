@@ -38,7 +38,7 @@ from tomotactile_ros.estimation.detection import Detector
 from tomotactile_ros.estimation.equations import SAME, Contacts, Equations, Linear, similar
 from tomotactile_ros.estimation.first_look import FirstLook
 from tomotactile_ros.estimation.fit import Fit
-from tomotactile_ros.estimation.fits import DYNAMIC, MISFIT, SIZES, Fits
+from tomotactile_ros.estimation.fits import DYNAMIC, FORM, MISFIT, SIZES, Fits, least_after
 from tomotactile_ros.estimation.forward import RATED, Unknowns
 from tomotactile_ros.estimation.joining import groups as joined
 from tomotactile_ros.estimation.observation import Rows
@@ -71,7 +71,6 @@ from tomotactile_ros.estimation.touch import (
 )
 
 FALSE_ALARMS = 1e-7  # contacts a frame that noise alone may show
-_FORM = 4  # parameters of a disc
 # mean of noise, in its standard deviations, of which a converter that begins at 0 V cuts off the
 # negative half
 CUT_OFF = (2 * np.pi) ** -0.5
@@ -80,6 +79,8 @@ CUT_OFF = (2 * np.pi) ** -0.5
 # its deviation then: learned offsets may be off by as much here. Without that an untouched frame of
 # a learned 8 x 8 sensor took 500 ms instead of 16
 _OFFSETS = 5.0
+# of minus twice the logarithm of the evidence: what one of 20 hypotheses is, which is told beside the likeliest
+AS_LIKELY = float(2 * np.log(19))
 _CONTINUED = 0.2  # spacings that a contact may be from where it was expected
 # chi-squared per reading that such a disc leaves at most with the sensor as expected, if it is of the right
 # size: 1.0 to 1.3, of a wrong one 1.7 and more
@@ -98,10 +99,6 @@ _FEW = 3
 _CHEAP = 5000
 _EXCLUDED = 9.0  # of the cost, three standard deviations: what costs more is not there
 _POOR = 1.25  # chi-squared per reading of a fit that more contacts are sure to be better than
-# of what is left beyond the shape: after one whole step from discs, the best fit of them leaves so
-# much: 0.6 to 0.9 where one step leaves less than three times the noise, and where it leaves more a
-# twentieth would do (parts `wide`, `wide-channels`)
-_AT_LEAST = 0.25
 # chi^2: above it other numbers and shapes of new contacts are tried: right ones leave at most 1.05
 # where electrodes may be misplaced; at 3, two contacts 25 mm apart were one in 1 of 40 crowds;
 # chi^2, in parts of what reciprocity says that any contacts leave: what right ones leave
@@ -144,7 +141,7 @@ class Search(Fits):
 
     def __init__(self, operator: SheetOperator, across: int = MOST_ACROSS, round: bool = False):
         self.detector, self.shapes = Detector(operator), Shapes(operator)
-        threshold = float(chdtri(_FORM, FALSE_ALARMS / len(self.detector.pixels)))
+        threshold = float(chdtri(FORM, FALSE_ALARMS / len(self.detector.pixels)))
         super().__init__(operator, across, threshold)
         self._round = round
         self._most = len(operator.used)  # contacts, each of which an electrode is nearest to
@@ -157,8 +154,8 @@ class Search(Fits):
         self._asked: tuple[Fit, tuple] | None = None  # that of `_next`
         self._led: tuple[Fit, bool] | None = None  # the last answer of `_leads_on`
         self._cells: tuple[FirstLook, Fit | None] | None = None  # that of `_in_cells`
-        # that of `_whole`, and where it began
-        self._finished: tuple[Fit, Fit, Fit | None] | None = None
+        # that of `_whole`
+        self._finished: tuple[Fit, Fit | None] | None = None
 
     def contacts(
         self,
@@ -170,6 +167,7 @@ class Search(Fits):
         refused: float = 0.0,
         usual: float = 1.0,
         needed: np.ndarray | None = None,
+        other: Unknowns | None = None,
     ) -> Fit:
         """The fit with as many contacts as the readings ask for, from those of `start`, a point of the
         same rows, on.
@@ -180,8 +178,9 @@ class Search(Fits):
         usual : chi-squared per reading that the fit left of which `start` is
         needed : contacts (k, 6) that an earlier fit needed; as long as they are much the same they are
             not asked for again
+        other : what was nearly as likely in an earlier frame, which is tried again
         """
-        self._left, self._known, self._refused = budget, known, refused
+        self._left, self._known, self._refused, self._tried = budget, known, refused, []
         quiet = self.untouched(rows, prior)
         if quiet is not None:
             return quiet
@@ -192,6 +191,10 @@ class Search(Fits):
         else:
             begun = resting(self.operator, prior) if start is None else start.unknowns
             fit = self._first(Fit(self.operator, self._told(begun, rows, prior), rows, prior))
+        if other is not None and other.bond is None:
+            tried = self._solve(other, fit)
+            if self.price(tried, fit.doubt) + AS_LIKELY < self.price(fit, fit.doubt):
+                fit, needed = tried, None
         if fit.unknowns.bond is not None:
             return fit
         while len(fit.unknowns.contacts) < self._most and self._left > 0:
@@ -259,9 +262,23 @@ class Search(Fits):
         return None if squares < chdtri(2 * len(prior.gain), FALSE_ALARMS) else channels
 
     def gave_up(self, fit: Fit) -> bool:
-        """Whether the budget was used up for a fit that leaves more over than right contacts do: others, which were not
-        tried, may be likelier."""
-        return self._left <= 0 and fit.chi_squared > LEFT_OVER * fit.rows.count
+        """Whether a fit leaves more over than right contacts do, much more or when the budget was used up: others, which
+        were not tried, may be likelier."""
+        return fit.chi_squared > (LEFT_OVER if self._left <= 0 else _NEAR) * fit.rows.count
+
+    def others(self, fit: Fit) -> Iterator[Fit]:
+        """What else was tried of the rows of a fit and is nearly as likely, the likeliest first."""
+        most = self.price(fit, fit.doubt) + AS_LIKELY
+        prices = [(self.price(each, fit.doubt), i) for i, (_, each) in enumerate(self._tried)]
+        for price, i in sorted(prices):
+            tried = self._tried[i][1]
+            same = similar(tried.unknowns.contacts, fit.unknowns.contacts, self.operator.pitch)
+            if price > most or tried.rows is not fit.rows:
+                return
+            if not same and tried.unknowns.bond is None:
+                tried = solve(self.operator, tried.unknowns, fit.rows, fit.prior, most=FIRST_LOOK)
+            if not same:
+                yield tried
 
     def goes_on(self, start: Fit, usual: float = 1.0, known: Equations | None = None) -> bool:
         """Whether the contacts of `start` are still those of the rows, near where it says; `usual` and
@@ -575,7 +592,7 @@ class Search(Fits):
             shape = self._whole(cells)
             believed = shape is not None and shape.chi_squared < _NEAR * shape.rows.count
             if shape is not None and believed and self._is_wide(shape):
-                least = _least_after(left, shape)
+                least = least_after(left, shape)
                 if self._has_more_evidence(shape, least, parts.unknowns.free):
                     return shape
         found = self._simplified(self._solve(parts.unknowns, parts))
@@ -622,9 +639,12 @@ class Search(Fits):
         if self._finished is None or self._finished[0] is not cells:
             begun, shape = self._with_parts(cells)
             apart = shape.prior.apart(shape.unknowns) / np.sqrt(shape.doubt)
+            shape.begun = begun
             good = shape.unknowns.bond is not None and _is_likely(apart, shape.prior)
-            self._finished = cells, begun, shape if good else None
-        return self._finished[2]
+            if good:
+                self._remember(shape)
+            self._finished = cells, shape if good else None
+        return self._finished[1]
 
     def _with_parts(self, cells: Fit) -> tuple[Fit, Fit]:
         """Where the best fit of `cells` begins, the sensor as it is there and discs in the place of some parts, and that
@@ -638,7 +658,7 @@ class Search(Fits):
             begun, shape = again, whole(again, self._threshold)
         while shape.unknowns.bond is not None:
             tries = [begun, *self._of_long(begun, shape)]
-            best = min(tries, key=partial(self._evidence_of, shape.doubt))
+            best = min(tries, key=partial(self.price, doubt=shape.doubt))
             if best is begun:
                 break
             begun, shape = best, whole(best, self._threshold)
@@ -769,7 +789,8 @@ class Search(Fits):
         """The same or a fit of ellipses in the place of discs, if that is better."""
         start = replace(fit.unknowns, free=np.ones_like(fit.unknowns.free))
         tried = self._solve(as_known(start, self._expected(fit.rows, fit.prior)), fit)
-        return tried if tried.cost < fit.cost - self._threshold * tried.doubt else fit
+        price = 0.0 if fit.unknowns.free.all() else self._threshold * tried.doubt
+        return tried if tried.cost < fit.cost - price else fit
 
     def _likelier(self, first: Fit | None, second: Fit, near: bool = False) -> Fit:
         """Of two fits the one with more contacts only if it is so much better as each of them must
@@ -779,7 +800,7 @@ class Search(Fits):
             return second
         fewer, more = sorted((first, second), key=lambda fit: np.count_nonzero(fit.unknowns.free))
         counts = [np.count_nonzero(fit.unknowns.free) for fit in (fewer, more)]
-        extra = (counts[1] - counts[0]) / _FORM
+        extra = (counts[1] - counts[0]) / FORM
         left = [self._after_a_step(fit) if near else fit.cost for fit in (fewer, more)]
         doubt = max(min(left) / more.rows.count, 1.0) if near else more.doubt
         return more if left[1] < left[0] - extra * self._threshold * doubt else fewer
@@ -828,8 +849,8 @@ class Search(Fits):
             return found
         discs = self._approached(self._begun(seen, like, len(seen.contacts)))
         left = self._after_a_step(discs)
-        least = min(left, _least_after(left, found))
-        extra = (np.count_nonzero(seen.free) - np.count_nonzero(found.unknowns.free)) / _FORM
+        least = min(left, least_after(left, found))
+        extra = (np.count_nonzero(seen.free) - np.count_nonzero(found.unknowns.free)) / FORM
         if least > found.cost - extra * self._threshold:
             return found
         return self._likelier(found, self._simplified(self._solve(discs.unknowns, discs)))
@@ -877,16 +898,16 @@ class Search(Fits):
         assert self._finished is not None
         excess = min(cost, shape.chi_squared) - shape.rows.count
         doubt = 1.0 + max(excess, 0.0) / self.operator.count
-        discs = cost / doubt + self._threshold * np.count_nonzero(free) / _FORM
-        return bool(self._evidence(shape, self._finished[1], doubt) < discs)
+        discs = cost / doubt + self._threshold * np.count_nonzero(free) / FORM
+        return bool(self.price(shape, doubt) < discs)
 
-    def _evidence(self, shape: Fit, begun: Fit, doubt: float) -> float:
-        """Minus twice the logarithm of the evidence for a `shape`, doubted, found from where it had `begun`."""
-        alone = np.count_nonzero(shape.unknowns.free[: shape.unknowns.alone])
-        return shape.cost / doubt + occam(begun, doubt) + self._threshold * alone / _FORM
-
-    def _evidence_of(self, doubt: float, begun: Fit) -> float:
-        return self._evidence(begun, begun, doubt)
+    def price(self, fit: Fit, doubt: float = 1.0) -> float:
+        """The same of any fit: cells cost for what they might all have been where it had begun."""
+        u = fit.unknowns
+        if u.bond is None:
+            return super().price(fit, doubt)
+        alone = np.count_nonzero(u.free[: u.alone])
+        return fit.cost / doubt + occam(fit.begun or fit, doubt) + self._threshold * alone / FORM
 
     def _is_near(self, fit: Fit) -> bool:
         """Whether a fit of contacts alone, found as points, is one to begin with: it explains the
@@ -901,12 +922,6 @@ class Search(Fits):
         if most != 2 and len(contacts) > 1:
             return most == 1
         return self._after_a_step(fit) < LEFT_OVER * fit.rows.count
-
-    def _after_a_step(self, fit: Fit) -> float:
-        """The cost that one whole step from a fit leads to, to first order."""
-        linear = Linear(fit, self._known)
-        self._known = linear.equations
-        return fit.cost - linear.promise
 
     def _near(self, start: Unknowns, like: Fit, goal: float = np.inf) -> Fit:
         """Near the best fit from `start`, by steps of contacts alone."""
@@ -925,8 +940,16 @@ class Search(Fits):
                 begun = self._begun(as_known(start, self._expected(fit.rows, fit.prior)), fit, 2)
                 tried = solved(begun.unknowns, begun, goal=fit.cost)
                 if not overlaps(tried.unknowns.contacts, len(start.contacts) - 1):
-                    fit = self._likelier(fit, tried)
-            if fit is not before:  # both are the last ones now
+                    whole = solved == self._solve
+                    choose = (
+                        partial(self._one_or_two, fit, which - 1)
+                        if whole
+                        else partial(self._likelier, fit)
+                    )
+                    fit = choose(tried)
+            if len(fit.unknowns.contacts) > len(
+                before.unknowns.contacts
+            ):  # both are the last ones now
                 which -= 1
         return fit
 
@@ -988,9 +1011,3 @@ def _spread(fit: Fit) -> np.ndarray:
 def _left(fit: Fit) -> float:
     """What a fit leaves over in parts of noise: so much less sure is what it says of parts."""
     return max(fit.chi_squared / fit.rows.count, 1.0)
-
-
-def _least_after(left: float, fit: Fit) -> float:
-    """The least cost of other contacts, of which one step leads to `left`, beside a fit: no less than noise."""
-    least = min(left, fit.chi_squared + _AT_LEAST * (left - fit.chi_squared))
-    return max(least, min(fit.chi_squared, float(fit.rows.count)))

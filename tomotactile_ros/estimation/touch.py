@@ -42,11 +42,11 @@ def patches_for(radius: float, pitch: float) -> int:
     return int(np.clip(np.ceil(2 * radius * _PER_PITCH / pitch), _FEWEST_ACROSS, MOST_ACROSS))
 
 
-def patches_of(contact: np.ndarray, pitch: float) -> int:
-    """The same for a contact (6,) as its longer axis asks for; below 0 for what is so long and narrow that it
-    is a rectangle."""
+def patches_of(contact: np.ndarray, pitch: float, bar: bool = False) -> int:
+    """The same for a contact (6,) as its longer axis asks for; below 0 for a rectangle: what is so long and narrow, or
+    narrow and taken for a `bar`."""
     long, radius = float(np.hypot(*contact[STRETCH:])), float(np.exp(contact[RADIUS]))
     side = np.sqrt(np.pi) * radius
-    if long < _BAR or side * np.exp(-long) > _NARROW * pitch:
+    if (long < _BAR and not bar) or side * np.exp(-long) > _NARROW * pitch:
         return patches_for(radius * float(np.exp(long)), pitch)
     return -min(int(np.ceil(side * np.exp(long) * _PER_PITCH / pitch)), _MOST_ALONG)

@@ -21,10 +21,14 @@ def contacts_to_message(
     header: Header,
     stale: str = "",
     complete: bool = True,
+    alternative: tuple[Sequence[ContactEstimate], SpatialContacts] | None = None,
 ) -> ContactArray:
     """Contact estimates, strongest first, and where they are; `stale` says why that is too old,
-    `complete` whether all was tried in time."""
+    `complete` whether all was tried in time, `alternative` what may be as well."""
+    others, elsewhere = alternative or ((), placed)
     return ContactArray(
+        ambiguous=alternative is not None,
+        alternative=[_contact(c, elsewhere, i) for i, c in enumerate(others)],
         header=header,
         state=ContactArray.STALE if stale else ContactArray.VALID,
         reason=stale,
@@ -62,6 +66,17 @@ def _contact(contact: ContactEstimate, placed: SpatialContacts, number: int) -> 
 def message_to_contacts(message: ContactArray, layout: Layout | None) -> list[ContactEstimate]:
     """Contact estimates on the flat sheet of a message, in its order; without what only space
     has. Where the layout is not known, x and y are those of the sensor's frame."""
+    return _estimates(message.contacts, layout)
+
+
+def message_to_alternative(
+    message: ContactArray, layout: Layout | None
+) -> list[ContactEstimate] | None:
+    """The same of what may be as well; None where nothing is nearly as likely."""
+    return _estimates(message.alternative, layout) if message.ambiguous else None
+
+
+def _estimates(contacts: Sequence[Contact], layout: Layout | None) -> list[ContactEstimate]:
     return [
         ContactEstimate(
             float(x),
@@ -76,7 +91,7 @@ def message_to_contacts(message: ContactArray, layout: Layout | None) -> list[Co
             id=c.id,
             age=c.age,
         )
-        for (x, y), c in zip(_on_sheet(message, layout), message.contacts, strict=True)
+        for (x, y), c in zip(_on_sheet(contacts, layout), contacts, strict=True)
     ]
 
 
@@ -84,7 +99,7 @@ def message_to_touches(message: ContactArray, layout: Layout) -> list[Touch]:
     """Place on the flat sheet, force and radius of each contact of a message."""
     return [
         Touch(float(x), float(y), c.force, c.radius)
-        for (x, y), c in zip(_on_sheet(message, layout), message.contacts, strict=True)
+        for (x, y), c in zip(_on_sheet(message.contacts, layout), message.contacts, strict=True)
     ]
 
 
@@ -104,8 +119,8 @@ def message_to_spatial(message: ContactArray) -> SpatialContacts:
     )
 
 
-def _on_sheet(message: ContactArray, layout: Layout | None) -> np.ndarray:
-    positions = vectors([c.position for c in message.contacts])
+def _on_sheet(contacts: Sequence[Contact], layout: Layout | None) -> np.ndarray:
+    positions = vectors([c.position for c in contacts])
     if layout is None:
         return positions[:, :2]
     return layout.surface.nearest(positions, layout.outline.size)

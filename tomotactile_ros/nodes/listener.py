@@ -11,7 +11,7 @@ from sensor_msgs.msg import Image
 
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.msg import ContactArray, VoltageFrame
-from tomotactile_ros.nodes.contact_messages import message_to_contacts
+from tomotactile_ros.nodes.contact_messages import message_to_alternative, message_to_contacts
 from tomotactile_ros.nodes.conversions import message_to_image, stamp_of
 from tomotactile_ros.reconstruction.settings import DEFAULT_LAW
 from tomotactile_ros.support.errors import printable
@@ -84,6 +84,7 @@ class Listener(Node):
             image_age=max(holds - shown, 0.0),
             late=self._late,
             complete=message.complete,
+            alternative=message_to_alternative(message, self._layout),
         )
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:

@@ -101,17 +101,26 @@ class Outputs:
         if surface is not None and points is not None and surface.get_subscription_count() > 0:
             surface.publish(cloud_to_message(points, self._grid.gather(pressure), header))
 
-    def publish_contacts(self, contacts: list, header: Header, complete: bool = True) -> None:
+    def publish_contacts(
+        self,
+        contacts: list,
+        header: Header,
+        complete: bool = True,
+        alternative: list | None = None,
+    ) -> None:
         """Publish contacts that are known; `header` has the time for which they hold, `complete` is
-        whether all was tried in time.
+        whether all was tried in time, `alternative` are others that may be as well, if any.
 
         Where that is longer ago than `max_age` they are not valid, and the wrench is not known.
         """
         contacts = _strongest_first(contacts)
         placed = in_space(self._layout.surface, contacts)
+        others = None if alternative is None else _strongest_first(alternative)
+        beside = None if others is None else (others, in_space(self._layout.surface, others))
         stale = self._too_old(header)
         with self._order:
-            self._contacts.publish(contacts_to_message(contacts, placed, header, stale, complete))
+            told = contacts_to_message(contacts, placed, header, stale, complete, beside)
+            self._contacts.publish(told)
             if self._wrench.get_subscription_count() > 0:
                 wrench = (_UNKNOWN, _UNKNOWN) if stale else placed.wrench()
                 self._wrench.publish(wrench_to_message(*wrench, header))

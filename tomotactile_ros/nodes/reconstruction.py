@@ -278,7 +278,8 @@ class Reconstruction(Part):
             if shown.reason:
                 self._outputs.withhold(shown.reason, holds, shown.complete)
             elif values["contacts"]:
-                self._outputs.publish_contacts(shown.contacts, holds, shown.complete)
+                known = shown.complete, shown.alternative
+                self._outputs.publish_contacts(shown.contacts, holds, *known)
         if finite:  # with the time of its frame, which may be one before
             when = header if shown.holds >= 0 else holds
             self._outputs.publish(shown.pressure, shown.contacts, when, shown.complete)

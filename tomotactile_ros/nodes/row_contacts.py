@@ -178,7 +178,7 @@ class Rows:
         if result.reason:
             self._outputs.withhold(result.reason, header)
         else:
-            self._outputs.publish_contacts(result.contacts, header)
+            self._outputs.publish_contacts(result.contacts, header, alternative=result.alternative)
 
 
 def _words(frame: Frame) -> tuple[np.ndarray, np.ndarray, float, float, float]:

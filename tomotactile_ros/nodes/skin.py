@@ -129,7 +129,7 @@ class SkinPart(Part):
 
     def _on_contacts(self, name: str, message: ContactArray) -> None:
         member = self._skin.members[name]
-        member.arrival, member.contacts = self._now(), []
+        member.arrival, member.contacts, member.alternative = self._now(), [], None
         member.complaint, member.complete = "", message.complete
         if message.state != ContactArray.VALID:
             member.complaint = printable(message.reason) or "its contacts are not valid"
@@ -138,8 +138,11 @@ class SkinPart(Part):
         elif self._too_old(message.header):
             member.complaint = "its contacts are too old, by their stamps (max_age)"
         try:
-            check_contacts(message.contacts)
-            member.contacts = moved(message.contacts, self._locate(message.header))
+            check_contacts([*message.contacts, *message.alternative])
+            pose = self._locate(message.header)
+            member.contacts = moved(message.contacts, pose)
+            if message.ambiguous:
+                member.alternative = moved(message.alternative, pose)
             member.force, member.torque = wrench_of(
                 vectors(c.position for c in member.contacts),
                 vectors(c.normal for c in member.contacts),
@@ -168,13 +171,18 @@ class SkinPart(Part):
         problems = self._skin.problems(now)
         message = ContactArray(header=header, state=ContactArray.VALID)
         message.complete = all(member.complete for member in self._skin.members.values())
-        message.contacts = [numbered(c, number) for number, c in self._skin.contacts(now)]
-        message.contacts.sort(key=lambda contact: contact.force, reverse=True)
+        message.contacts = self._all(now)
+        message.ambiguous = any(m.alternative is not None for m in self._skin.members.values())
+        message.alternative = self._all(now, others=True) if message.ambiguous else []
         if problems:
             message.state, message.reason = ContactArray.STALE, _reason(problems)
         with unless_stopped(self._node):
             self._contacts.publish(message)
             self._wrench.publish(wrench_to_message(*self._skin.wrench(now), header))
+
+    def _all(self, now: float, others: bool = False) -> list[Contact]:
+        found = [numbered(c, number) for number, c in self._skin.contacts(now, others)]
+        return sorted(found, key=lambda contact: contact.force, reverse=True)
 
     def _change(self, changed: set[str], values: dict) -> None:
         self._skin.timeout = values["timeout"]

@@ -17,7 +17,11 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Image
 
 from tomotactile_ros.msg import ContactArray, SensorLayout
-from tomotactile_ros.nodes.contact_messages import message_to_contacts, message_to_spatial
+from tomotactile_ros.nodes.contact_messages import (
+    message_to_alternative,
+    message_to_contacts,
+    message_to_spatial,
+)
 from tomotactile_ros.nodes.conversions import message_to_image, stamp_of, vectors
 from tomotactile_ros.nodes.listener import RECONSTRUCTION
 from tomotactile_ros.nodes.namespaces import full_namespaces
@@ -166,6 +170,7 @@ class _Sensor:
             late=self._late,
             faults={k: why for k, why in self._faults.items() if k < len(self._layout.electrodes)},
             complete=message.complete,
+            alternative=message_to_alternative(message, None),
         )
         self._sheet.show(shot, message_to_spatial(message))
 

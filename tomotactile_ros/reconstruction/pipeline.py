@@ -193,6 +193,8 @@ class Pipeline:
         self._within: Within[_Found] = Within()
         self._found: _Found | None = None  # of the last frame
         self._whole: _Found | None = None  # of the last one that was complete
+        # what may be in the place of so many contacts as the last frame showed: rows do not tell
+        self._beside: dict[int, list[ContactEstimate] | None] = {}
         self._rows: RowEstimator | None = None
         self._changing = Changing(self._row_estimator)
         self._told = -math.inf  # s, for which the last result holds, of a frame or of a row
@@ -334,6 +336,7 @@ class Pipeline:
         if result.complete and found.given is given:
             self._whole = found
         self._told = found.holds
+        self._beside = {len(result.contacts): result.alternative}
         if stamp is not None and numbered and found.one_by_one and not result.reason:
             result.contacts = self._numbered(found)
         if found.given is not given:  # of a frame before, whose search has ended since
@@ -581,6 +584,7 @@ class Pipeline:
             state=followed.state,
             reason=followed.reason,
             faults=dict(state.left_out),
+            alternative=self._beside.get(len(contacts)) if contacts else None,
         )
         if not contacts or not _may_be_covered(state.left_out):
             return result
@@ -680,7 +684,7 @@ class Pipeline:
         if reason:
             why = reason, bad, estimate.left_out, estimate.misfit, given.lasts
             return _Found(replace(self._withheld(*why), noise=noise), given, seen)
-        idle = not contacts
+        idle, other = not contacts, estimate.other
         level = self.settings.level
         if self.settings.image == "none":
             images = _NO_IMAGE, _NO_IMAGE
@@ -703,6 +707,7 @@ class Pipeline:
             holds=given.lasts,
             noise=noise,
             complete=estimate.complete,
+            alternative=None if other is None else [_reported(each) for each in other],
         )
         return _Found(result, given, seen)
 

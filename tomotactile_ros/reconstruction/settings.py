@@ -207,6 +207,9 @@ class Result:
     complete : whether all was tried; else the deadline came before: contacts are those of a glance, with wide
         deviations, or one contact stands for all, or they are withheld. Or all that is tried for one frame left more
         over than noise: too much touches at once, and some may be missing or stand for several.
+    alternative : other contacts that explain the readings nearly as well, with odds of 1 : 19 at least, and differ from
+        `contacts` by more than their deviations, one long contact for two beside each other, say; None: there are
+        none.
     conductance : (H, W) S/m², of contacts per area, where there is no contact law that makes
         pressures of it: then these, and the forces of contacts, are NaN. None where there is one.
     """
@@ -226,6 +229,12 @@ class Result:
     settling: float = 0.0
     complete: bool = True
     conductance: np.ndarray | None = None
+    alternative: list[ContactEstimate] | None = None
+
+    @property
+    def ambiguous(self) -> bool:
+        """Whether the readings allow other contacts as well: `alternative`."""
+        return self.alternative is not None
 
     @property
     def calibrated(self) -> bool:
@@ -241,13 +250,15 @@ class Result:
     def without_law(self, law: ContactLaw) -> Result:
         """The same result of a sensor without a contact law, made with the linear `law` as if it had
         one: what the law was asked for is taken back."""
-        nan = math.nan
-        contacts = [
-            replace(contact, force=nan, pressure=nan, force_std=nan) for contact in self.contacts
-        ]
+        nan, other = math.nan, self.alternative
+        contacts, alternative = (
+            [replace(contact, force=nan, pressure=nan, force_std=nan) for contact in found]
+            for found in (self.contacts, other or ())
+        )
         unknown = np.full_like(self.pressure, nan)
         conductance = law.coefficient * self.pressure
-        return replace(self, contacts=contacts, pressure=unknown, conductance=conductance)
+        told = replace(self, contacts=contacts, pressure=unknown, conductance=conductance)
+        return replace(told, alternative=None if other is None else alternative)
 
 
 def doubt_of_noise(noise: float, expected: float) -> str:

@@ -60,6 +60,14 @@ def contact_lines(
     return lines or ["no contact"]
 
 
+def other_line(alternative: Sequence | None) -> list[str]:
+    """What may be there as well, in one line; none where nothing else is nearly as likely."""
+    if alternative is None:
+        return []
+    places = ", ".join(_place(each.x, each.y) for each in alternative)
+    return [f"or, nearly as likely: {places or 'no contact'}"]
+
+
 def stand_for_all(contacts: Sequence, complete: bool) -> bool:
     """Whether there is only one contact that stands for all of a frame that was cut."""
     return not complete and len(contacts) == 1 and not contacts[0].id

@@ -21,6 +21,7 @@ from tomotactile_ros.view.contact_lines import (
     fault_lines,
     fitting,
     numbers_of,
+    other_line,
     withheld_line,
 )
 from tomotactile_ros.view.figure import save_pressure
@@ -50,6 +51,7 @@ class Shot:
     late : how many frames or rows of late were told late or not at all, for people; empty: not known.
     faults : electrodes that are left out, and why.
     complete : whether all was tried; else one contact may stand for all.
+    alternative : other contacts that are nearly as likely; None: there are none.
     """
 
     pressure: np.ndarray | None
@@ -62,6 +64,7 @@ class Shot:
     late: str = ""
     faults: Mapping[int, str] = field(default_factory=dict)
     complete: bool = True
+    alternative: Sequence | None = None
 
     def __post_init__(self) -> None:
         self.age = max(self.age, 0.0)  # a recording says before its last row what it has
@@ -172,6 +175,7 @@ class Display:
         else:
             truth = self._truth(shot.scene_time)
             lines = contact_lines(shot.contacts, truth, self._calibrated, fits, shot.complete)
+            lines += [fitting([line], fits) for line in other_line(shot.alternative)]
         return [*lines, *(fitting([line], width) if width else line for line in faults)]
 
     def _truth(self, t: float) -> list[dict] | None:

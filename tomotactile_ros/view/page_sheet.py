@@ -25,6 +25,7 @@ from tomotactile_ros.view.colours import (
 from tomotactile_ros.view.contact_lines import (
     fault_lines,
     numbers_of,
+    other_line,
     stand_for_all,
     withheld_line,
 )
@@ -317,6 +318,7 @@ class Sheet:
             parts.append(f"<div><b>{escape(withheld_line(shot.reason))}</b></div>")
         else:
             parts.append(table_of(shot.contacts, truth, self._page.calibrated, shot.complete))
+            parts += [f"<div>{line}</div>" for line in other_line(shot.alternative)]
         parts += [f"<div>{escape(line)}</div>" for line in fault_lines(shot.faults)]
         return f'<div style="padding:0 1em">{"".join(parts)}</div>'
 
