@@ -60,7 +60,7 @@ _RIM = 2.0  # of its radius: how far from a disc's centre the rim of the sheet i
 # patches to the width of a contact that moves: with 8 a wide touch that begins was withheld, with
 # 14 a tap took 4.5 s
 _IN_MOTION = 10
-_LEAST_WORK = 3000  # the same of one fit, whatever is left: about half a second
+LEAST_WORK = 3000  # the same of one fit, whatever is left: about half a second
 # of what is left beyond the shape: after one whole step from discs, the best fit of them leaves so
 # much: 0.6 to 0.9 where one step leaves less than three times the noise, and where it leaves more a
 # twentieth would do (parts `wide`, `wide-channels`)
@@ -100,7 +100,7 @@ class Fits:
             at = Fit(self.operator, self._settled(start, like), like.rows, like.prior)
         if steps > 1 and len(start.contacts) and not at.steps:
             at = self._approached(at)
-        most = max(self._left, _LEAST_WORK)
+        most = max(self._left, LEAST_WORK)
         given = self.operator, at.unknowns, like.rows, like.prior, steps, self._known, goal
         fit = solve(*given, at, most)
         self._known = fit.equations
@@ -308,7 +308,7 @@ class Fits:
         left to its neighbour; whatever is left of the budget, those that lie on each other."""
         if fit is self._simple:
             return fit
-        self._left = max(self._left, _LEAST_WORK)
+        self._left = max(self._left, LEAST_WORK)
         fit = self._gathered(fit)
         tested: set[bytes] = set()
         while len(fit.unknowns.contacts) > 1:

@@ -64,10 +64,12 @@ class Reciprocity:
 
     def least(self, count: int) -> float:
         """Chi-squared a reading, of `count` of them, that contacts leave over whatever they are: what
-        these equations leave, and of the other readings as much as is sure of the equations."""
+        these equations leave, and of the other readings as much as is sure of the equations; less than 1 where
+        these are sure to scatter less than was said."""
         chance = _CHANCE * np.sqrt(2 / max(self.equations, 1.0))
-        others = max(count - self.equations, 0.0) * max(self.misfit - chance, 1.0)
-        return max((self.chi_squared + others) / count, 1.0)
+        noise = min(self.misfit + chance, 1.0)
+        others = max(count - self.equations, 0.0) * max(self.misfit - chance, noise)
+        return max((self.chi_squared + others) / count, noise)
 
     @property
     def excess(self) -> float:

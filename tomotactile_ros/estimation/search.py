@@ -38,7 +38,15 @@ from tomotactile_ros.estimation.detection import Detector
 from tomotactile_ros.estimation.equations import SAME, Contacts, Equations, Linear, similar
 from tomotactile_ros.estimation.first_look import FirstLook
 from tomotactile_ros.estimation.fit import Fit
-from tomotactile_ros.estimation.fits import DYNAMIC, FORM, MISFIT, SIZES, Fits, least_after
+from tomotactile_ros.estimation.fits import (
+    DYNAMIC,
+    FORM,
+    LEAST_WORK,
+    MISFIT,
+    SIZES,
+    Fits,
+    least_after,
+)
 from tomotactile_ros.estimation.forward import RATED, Unknowns
 from tomotactile_ros.estimation.joining import groups as joined
 from tomotactile_ros.estimation.observation import Rows
@@ -206,7 +214,9 @@ class Search(Fits):
         if needed is not None and similar(contacts, needed, pitch, SAME):
             fit.needed = needed
             return self._without_idle(fit)
-        return self._simplified(fit)
+        simple = self._simplified(fit)
+        # what is one now may be two others
+        return simple if simple is fit else self._simplified(self._split(simple, self._solve))
 
     def _reshaped(self, start: Fit, usual: float) -> Fit:
         """The fit of a shape from `start` on, or from the beginning if its cells alone do not explain what has changed:
@@ -601,7 +611,7 @@ class Search(Fits):
             for which in range(len(found.unknowns.contacts)):
                 found = self._other_sizes(found, which)
             if shape is None and self._form_matters(found):
-                found = self._formed(found)
+                found = self._split(self._formed(found), self._solve)
         if shape is not None and self._is_likelier(shape, found):
             return shape
         things, count = self._things(found), len(found.unknowns.contacts)
@@ -762,8 +772,10 @@ class Search(Fits):
         """Whether other contacts may leave less over: more is than of right ones, also in parts of what
         reciprocity says that any leave (hum, say)."""
         left = fit.chi_squared / fit.rows.count
-        if not LEFT_OVER < left < _POOR or fit.unknowns.moving.any():
+        if left > _POOR or fit.unknowns.moving.any():
             return left > LEFT_OVER
+        if left < LEFT_OVER:
+            return left > _RIGHT * self.reciprocity(fit.rows, fit.prior).least(fit.rows.count)
         return left > _RIGHT * self._least(fit.rows, fit.prior)
 
     def _least(self, rows: Rows, prior: Prior) -> float:
@@ -871,6 +883,8 @@ class Search(Fits):
         kept = _FOR_OTHERS * self._left
         self._left -= kept
         found = self._simplified(self._solve(discs.unknowns, discs))
+        if self._falls_short(found):
+            found = self._split(self._formed(found), self._solve)
         self._left += kept
         likely = _is_likely(found.prior.apart(found.unknowns), found.prior)
         return found if likely and not self._falls_short(found) else None
@@ -930,14 +944,16 @@ class Search(Fits):
     def _split(self, fit: Fit, solved: Solver) -> Fit:
         """The same or a fit with two discs in the place of each long contact: two fingers side by
         side are no rod."""
-        which = 0
+        which, self._left = 0, max(self._left, LEAST_WORK)
         while which < len(fit.unknowns.contacts) and self._left > 0:
             start = halved(
                 fit.unknowns, which, fit.prior.radius, self.operator.pitch, self._changing
             )
             before, which = fit, which + 1
             if start is not None:
-                begun = self._begun(as_known(start, self._expected(fit.rows, fit.prior)), fit, 2)
+                # with the sensor as expected, or bent to the long one, whichever is nearer
+                expected = as_known(start, self._expected(fit.rows, fit.prior))
+                begun = min((self._begun(each, fit, 2) for each in (expected, start)), key=_cost)
                 tried = solved(begun.unknowns, begun, goal=fit.cost)
                 if not overlaps(tried.unknowns.contacts, len(start.contacts) - 1):
                     whole = solved == self._solve
@@ -995,6 +1011,10 @@ class Search(Fits):
 def _is_likely(apart: np.ndarray, prior: Prior) -> bool:
     """Whether sheet and channels may be so far `apart` (J + 3 n,) from what is expected."""
     return bool(apart @ prior.pull(apart) < chdtri(len(apart), FALSE_ALARMS))
+
+
+def _cost(fit: Fit) -> float:
+    return fit.cost
 
 
 def tells_speeds(fit: Fit) -> bool:
