@@ -349,7 +349,7 @@ class Fits:
                 continue
             long = are_long(contacts[of]).any()
             certain = not any(self._may_go(fit, int(which)) for which in of)
-            if len(of) > 2 and certain and not long:
+            if len(of) > _FEW and certain and not long:
                 continue
             limit = fit.cost + (len(of) - 1) * self._threshold * min(fit.doubt, _DOUBT)
             begun = self._begun(gathered(fit.unknowns, of, self.operator.pitch), fit, 0)
