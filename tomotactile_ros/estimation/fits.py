@@ -60,6 +60,9 @@ _RIM = 2.0  # of its radius: how far from a disc's centre the rim of the sheet i
 # patches to the width of a contact that moves: with 8 a wide touch that begins was withheld, with
 # 14 a tap took 4.5 s
 _IN_MOTION = 10
+# chi^2: above it other numbers and shapes of new contacts are tried: right ones leave at most 1.05
+# where electrodes may be misplaced; at 3, two contacts 25 mm apart were one in 1 of 40 crowds
+LEFT_OVER = 1.1
 LEAST_WORK = 3000  # the same of one fit, whatever is left: about half a second
 # of what is left beyond the shape: after one whole step from discs, the best fit of them leaves so
 # much: 0.6 to 0.9 where one step leaves less than three times the noise, and where it leaves more a
@@ -79,6 +82,7 @@ class Fits:
     def __init__(self, operator: SheetOperator, across: int, threshold: float):
         self.operator, self.across, self._threshold = operator, across, threshold
         self._left = 0.0  # of the budget for the frame at hand
+        self._spent = False  # whether that was not enough
         self._known: Equations | None = None  # with which the last fit ended
         self._simple: Fit | None = None  # the last answer of `_simplified`
         self._changing = False  # whether motion is the likeliest reason of what is left over
@@ -305,13 +309,15 @@ class Fits:
 
     def _simplified(self, fit: Fit) -> Fit:
         """As few contacts as explain the readings as well: those near each other as one, then each
-        left to its neighbour; whatever is left of the budget, those that lie on each other."""
+        left to its neighbour; whatever is left of the budget, as long as these explain them."""
         if fit is self._simple:
             return fit
-        self._left = max(self._left, LEAST_WORK)
+        self._go_on()
         fit = self._gathered(fit)
         tested: set[bytes] = set()
         while len(fit.unknowns.contacts) > 1:
+            if fit.chi_squared < LEFT_OVER * fit.rows.count:
+                self._go_on()
             order = np.argsort(self._certainties(fit))
             untested = [i for i in order if fit.unknowns.contacts[i, :2].tobytes() not in tested]
             fewer = None
@@ -336,6 +342,11 @@ class Fits:
         self._simple = self._without_idle(fit)
         self._simple.needed = self._simple.unknowns.contacts
         return self._simple
+
+    def _go_on(self) -> None:
+        """Leave enough for one more fit, whatever was spent."""
+        self._spent = self._spent or self._left <= 0
+        self._left = max(self._left, LEAST_WORK)
 
     def _gathered(self, fit: Fit) -> Fit:
         """The same or a fit with one wide contact in the place of several near each other."""

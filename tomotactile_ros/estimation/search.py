@@ -41,7 +41,7 @@ from tomotactile_ros.estimation.fit import Fit
 from tomotactile_ros.estimation.fits import (
     DYNAMIC,
     FORM,
-    LEAST_WORK,
+    LEFT_OVER,
     MISFIT,
     SIZES,
     Fits,
@@ -107,10 +107,8 @@ _FEW = 3
 _CHEAP = 5000
 _EXCLUDED = 9.0  # of the cost, three standard deviations: what costs more is not there
 _POOR = 1.25  # chi-squared per reading of a fit that more contacts are sure to be better than
-# chi^2: above it other numbers and shapes of new contacts are tried: right ones leave at most 1.05
-# where electrodes may be misplaced; at 3, two contacts 25 mm apart were one in 1 of 40 crowds;
 # chi^2, in parts of what reciprocity says that any contacts leave: what right ones leave
-LEFT_OVER, _RIGHT = 1.1, 1.05
+_RIGHT = 1.05
 # chi-squared per reading from which on channels are doubted and other rows tried
 SUSPECT = 12.0
 # patches to the width of a contact at most, in `balanced`, and in `fast` for frames that it hands
@@ -189,6 +187,7 @@ class Search(Fits):
         other : what was nearly as likely in an earlier frame, which is tried again
         """
         self._left, self._known, self._refused, self._tried = budget, known, refused, []
+        self._spent = False
         quiet = self.untouched(rows, prior)
         if quiet is not None:
             return quiet
@@ -274,7 +273,8 @@ class Search(Fits):
     def gave_up(self, fit: Fit) -> bool:
         """Whether a fit leaves more over than right contacts do, much more or when the budget was used up: others, which
         were not tried, may be likelier."""
-        return fit.chi_squared > (LEFT_OVER if self._left <= 0 else _NEAR) * fit.rows.count
+        spent = self._spent or self._left <= 0
+        return fit.chi_squared > (LEFT_OVER if spent else _NEAR) * fit.rows.count
 
     def others(self, fit: Fit) -> Iterator[Fit]:
         """What else was tried of the rows of a fit and is nearly as likely, the likeliest first."""
@@ -944,7 +944,8 @@ class Search(Fits):
     def _split(self, fit: Fit, solved: Solver) -> Fit:
         """The same or a fit with two discs in the place of each long contact: two fingers side by
         side are no rod."""
-        which, self._left = 0, max(self._left, LEAST_WORK)
+        which = 0
+        self._go_on()
         while which < len(fit.unknowns.contacts) and self._left > 0:
             start = halved(
                 fit.unknowns, which, fit.prior.radius, self.operator.pitch, self._changing
