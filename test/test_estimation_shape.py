@@ -63,6 +63,8 @@ def test_one_long_contact_or_two_is_not_chosen_in_silence():
         for results in touched(contacts, 8):
             for result in results:  # also of the frame after it, which begins with what was found
                 assert true in (len(result.contacts), len(result.alternative or ())), true
+                likely = min(contact.probability for contact in result.contacts)
+                assert (likely <= 0.95) == result.ambiguous
             right += len(results[0].contacts) == true
             ambiguous += results[0].ambiguous
     assert right >= 13 and ambiguous < 12

@@ -45,10 +45,10 @@ from tomotactile_ros.estimation.reported import (
     Contact,
     Estimate,
     contacts_of,
-    differ,
     joined,
     may_be_anywhere,
     meets_rims,
+    unmatched,
 )
 from tomotactile_ros.estimation.reported_shape import contacts_of_shape
 from tomotactile_ros.estimation.scatter import scatter
@@ -530,20 +530,27 @@ class Estimator:
             return Estimate([], [], "withheld", reason, left_out, misfit, first), scattered
         known = left_out, misfit, first
         complete = not search.gave_up(fit)
-        other, state.other = self._other(search, fit, state, contacts)
-        return Estimate(
-            contacts, parts, "valid", "", *known, complete=complete, other=other
-        ), scattered
+        beside = self._other(search, fit, state, contacts)
+        state.other = None if beside is None else beside.unknowns
+        other = None if beside is None else beside.contacts
+        if beside is not None:
+            there = [1.0 - beside.likely * each for each in unmatched(contacts, beside.contacts)]
+            contacts = [
+                replace(each, probability=min(each.probability, most))
+                for each, most in zip(contacts, there)
+            ]
+        estimate = Estimate(contacts, parts, "valid", "", *known, complete=complete, other=other)
+        return estimate, scattered
 
     def _other(
         self, search: Search, fit: Fit, state: State, contacts: list[Contact]
-    ) -> tuple[list[Contact] | None, Unknowns | None]:
-        """Other contacts that are nearly as likely as those of a fit, and where that is if another fit has them; None if
-        none are: other fits, or discs that are one contact as something may press between them."""
-        for tried in search.others(fit):
+    ) -> _Other | None:
+        """Other contacts that are nearly as likely as those of a fit: of other fits, or of discs that are one contact
+        as something may press between them."""
+        for tried, likely in search.others(fit):
             found, _ = self._reported(search, tried, State())
-            if differ(found, contacts):
-                return found, tried.unknowns
+            if len(found) != len(contacts) or unmatched(found, contacts).any():
+                return _Other(found, likely, tried.unknowns)
         discs = fit.unknowns.contacts
         if fit.unknowns.bond is None and len(contacts) < len(discs):
             apart = groups(fit, None)
@@ -552,9 +559,9 @@ class Estimator:
             state.joined = replace(known, of=apart, lost={})
             found, _ = self._reported(search, fit, state)
             state.joined = known
-            if differ(found, contacts):
-                return found, None
-        return None, None
+            if len(found) > len(contacts):
+                return _Other(found, 0.0, None)
+        return None
 
     def _recut(self, fit: Fit, used: tuple[int, ...], rows: int) -> bool:
         """Whether the sheet is now another one: that which a fit of so many `rows` with the electrodes
@@ -1033,6 +1040,15 @@ class _Asked(NamedTuple):
     follow: ByRows | None
     scan: _Scan
     settling: bool
+
+
+class _Other(NamedTuple):
+    """Contacts that are nearly as likely as others, how likely, in parts of both, and where that is if that is
+    another fit."""
+
+    contacts: list[Contact]
+    likely: float
+    unknowns: Unknowns | None
 
 
 class _Unsettled(Exception):

@@ -236,11 +236,10 @@ def four(matrix: np.ndarray) -> tuple[float, float, float, float]:
     return xx, xy, yx, yy
 
 
-def differ(contacts: list[Contact], others: list[Contact]) -> bool:
-    """Whether two lists of contacts are not as long, or contacts of theirs lie further apart than `_CERTAIN` of their
-    deviations, or press harder, each compared with the one that it is nearest to."""
-    if len(contacts) != len(others):
-        return True
+def unmatched(contacts: list[Contact], others: list[Contact]) -> np.ndarray:
+    """(k,) which contacts are none of the others: those that are not nearest to one, lie further from it than
+    `_CERTAIN` of their deviations, or press as much harder."""
+    out = np.ones(len(contacts), bool)
     places = [
         np.array([(each.x, each.y) for each in some]).reshape(-1, 2) for some in (contacts, others)
     ]
@@ -248,13 +247,10 @@ def differ(contacts: list[Contact], others: list[Contact]) -> bool:
         first, second = contacts[one], others[two]
         covariance = np.reshape(np.add(first.covariance, second.covariance), (2, 2))
         apart = places[0][one] - places[1][two]
-        harder, spread = first.force - second.force, math.hypot(first.force_std, second.force_std)
-        if (
-            apart @ np.linalg.pinv(covariance) @ apart > _CERTAIN**2
-            or abs(harder) > _CERTAIN * spread
-        ):
-            return True
-    return False
+        aside = apart @ np.linalg.pinv(covariance) @ apart > _CERTAIN**2
+        spread = math.hypot(first.force_std, second.force_std)
+        out[one] = aside or abs(first.force - second.force) > _CERTAIN * spread
+    return out
 
 
 def may_be_anywhere(covariance: np.ndarray, layout: Layout) -> bool:

@@ -17,7 +17,7 @@ from typing import Protocol
 
 import numpy as np
 from scipy.spatial.distance import cdist
-from scipy.special import chdtri
+from scipy.special import chdtri, expit
 
 from tomotactile_ros.estimation.arrangement import (
     CLOSE,
@@ -198,12 +198,12 @@ class Search(Fits):
         else:
             begun = resting(self.operator, prior) if start is None else start.unknowns
             fit = self._first(Fit(self.operator, self._told(begun, rows, prior), rows, prior))
-        if other is not None and other.bond is None:
-            tried = self._solve(other, fit)
-            if self.price(tried, fit.doubt) + AS_LIKELY < self.price(fit, fit.doubt):
-                fit, needed = tried, None
         if fit.unknowns.bond is not None:
             return fit
+        tried = None if other is None or other.bond is not None else self._solve(other, fit)
+        likeliest = self._likeliest(fit, tried)
+        if likeliest is not fit:
+            fit, needed = likeliest, None
         while len(fit.unknowns.contacts) < self._most and self._left > 0:
             more = self._one_more(fit)
             if more is None:
@@ -276,19 +276,30 @@ class Search(Fits):
         spent = self._spent or self._left <= 0
         return fit.chi_squared > (LEFT_OVER if spent else _NEAR) * fit.rows.count
 
-    def others(self, fit: Fit) -> Iterator[Fit]:
-        """What else was tried of the rows of a fit and is nearly as likely, the likeliest first."""
-        most = self.price(fit, fit.doubt) + AS_LIKELY
+    def _likeliest(self, fit: Fit, other: Fit | None) -> Fit:
+        """The same, or an `other` that is likelier by far, or as many contacts or fewer that were tried before."""
+        fits = [each for _, each in self._tried if each.rows is fit.rows]
+        few = [each for each in fits if len(each.unknowns.contacts) <= len(fit.unknowns.contacts)]
+        discs = [each for each in few if each.unknowns.bond is None]
+        best = min(discs if other is None else [*discs, other], key=self.price, default=fit)
+        if self.price(best, fit.doubt) + AS_LIKELY < self.price(fit, fit.doubt):
+            return self._solve(best.unknowns, best)
+        return fit
+
+    def others(self, fit: Fit) -> Iterator[tuple[Fit, float]]:
+        """What else was tried of the rows of a fit and is nearly as likely, and how likely it is, in parts of both; the
+        likeliest first."""
+        least = self.price(fit, fit.doubt)
         prices = [(self.price(each, fit.doubt), i) for i, (_, each) in enumerate(self._tried)]
         for price, i in sorted(prices):
             tried = self._tried[i][1]
-            same = similar(tried.unknowns.contacts, fit.unknowns.contacts, self.operator.pitch)
-            if price > most or tried.rows is not fit.rows:
+            if price > least + AS_LIKELY or tried.rows is not fit.rows:
                 return
-            if not same and tried.unknowns.bond is None:
+            if similar(tried.unknowns.contacts, fit.unknowns.contacts, self.operator.pitch):
+                continue
+            if tried.unknowns.bond is None:
                 tried = solve(self.operator, tried.unknowns, fit.rows, fit.prior, most=FIRST_LOOK)
-            if not same:
-                yield tried
+            yield tried, float(expit((least - price) / 2))
 
     def goes_on(self, start: Fit, usual: float = 1.0, known: Equations | None = None) -> bool:
         """Whether the contacts of `start` are still those of the rows, near where it says; `usual` and
@@ -543,15 +554,17 @@ class Search(Fits):
             found = self._beyond(found, which)
             if self.meets_electrode(found.unknowns.contacts)[which]:
                 found = self._other_sizes(found, which)
-        short = self._falls_short(found)
+        split = found is first  # whose long contacts were asked whether they are two
+        short = self._falls_short(found, split)
         if short and not (self._changing or self._round):
             found = self._of_any_shape(found, look, rest)
             if found.unknowns.bond is not None:
                 return found
-            short = self._falls_short(found)
+            short = self._falls_short(found, split)
         if short and self._left > 0:
             found = self._formed(found)
-        found = self._split(found, self._solve)
+        if not split or found is not first:
+            found = self._split(found, self._solve)
         if short and self._left > 0 and self._falls_short(found):
             many = self._as_discs(look.contacts(), rest)
             if len(many.contacts) > len(first.unknowns.contacts):
@@ -753,10 +766,10 @@ class Search(Fits):
         suspect = rows.times is not None and fit.chi_squared > SUSPECT * rows.count
         return suspect and self.of_one_state(rows, fit.prior) < len(rows.grounded)
 
-    def _falls_short(self, fit: Fit) -> bool:
+    def _falls_short(self, fit: Fit, split: bool = False) -> bool:
         """Whether contacts in other numbers or forms are to be tried: too much is left over, several
         contacts need an unlikely sensor, or another contact, or one of another form, would explain
-        more than noise does, to first order."""
+        more than noise does, to first order; or a long one may be two, unless that was asked (`split`)."""
         if self._leaves_over(fit):
             return True
         several = len(fit.unknowns.contacts) > 1
@@ -765,8 +778,8 @@ class Search(Fits):
         self._next(fit)
         if self._counts(fit, fit.promised) or self._form_matters(fit):
             return True
-        # a long one may be two, of which no first order tells
-        return bool(are_long(fit.unknowns.contacts).any())
+        # of which no first order tells
+        return not split and bool(are_long(fit.unknowns.contacts).any())
 
     def _leaves_over(self, fit: Fit) -> bool:
         """Whether other contacts may leave less over: more is than of right ones, also in parts of what
@@ -887,7 +900,7 @@ class Search(Fits):
             found = self._split(self._formed(found), self._solve)
         self._left += kept
         likely = _is_likely(found.prior.apart(found.unknowns), found.prior)
-        return found if likely and not self._falls_short(found) else None
+        return found if likely and not self._falls_short(found, split=True) else None
 
     def _parts(self, shape: Fit, like: Fit) -> Fit:
         """Near the best fit of one disc or ellipse for each part of a shape."""
@@ -950,7 +963,7 @@ class Search(Fits):
             start = halved(
                 fit.unknowns, which, fit.prior.radius, self.operator.pitch, self._changing
             )
-            before, which = fit, which + 1
+            count, which = len(fit.unknowns.contacts), which + 1
             if start is not None:
                 # with the sensor as expected, or bent to the long one, whichever is nearer
                 expected = as_known(start, self._expected(fit.rows, fit.prior))
@@ -958,15 +971,9 @@ class Search(Fits):
                 tried = solved(begun.unknowns, begun, goal=fit.cost)
                 if not overlaps(tried.unknowns.contacts, len(start.contacts) - 1):
                     whole = solved == self._solve
-                    choose = (
-                        partial(self._one_or_two, fit, which - 1)
-                        if whole
-                        else partial(self._likelier, fit)
-                    )
-                    fit = choose(tried)
-            if len(fit.unknowns.contacts) > len(
-                before.unknowns.contacts
-            ):  # both are the last ones now
+                    one = partial(self._one_or_two, fit, which - 1)
+                    fit = one(tried) if whole else self._likelier(fit, tried)
+            if len(fit.unknowns.contacts) > count:  # both are the last ones now
                 which -= 1
         return fit
 
