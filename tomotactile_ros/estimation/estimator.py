@@ -25,6 +25,7 @@ from tomotactile_ros.estimation.ground import (
     ALIKE,
     DISTURBED,
     OR_HUM,
+    OR_MANY,
     UNLIKE,
     ground_is_doubtful,
     rows_are_alike,
@@ -82,7 +83,6 @@ from tomotactile_ros.scenes.contact import ContactLaw
 # why an electrode is left out
 EXCLUDED, CONTRADICTS = "excluded by the settings", "its readings contradict all others"
 AT_END = "most readings are at the end of the converter's range: too much presses to say how much"
-TOO_MUCH = "too much touches at once to be told apart"
 CHANGED = "something changed in the last rows of the frame, which alone are too few to say what"
 # resistances to ground below 0, in deviations of what is expected of them, and rows that tell of them:
 # unevenness and errors of a coarse mesh made up to 1.7, electrodes of 3.5 mm for 2.5 make 2.3, hum of 20 mV 2.6
@@ -506,16 +506,16 @@ class Estimator:
         state.misfit = max(1.0, fit.chi_squared / fit.rows.count)
         state.needed = fit.needed
         state.refused = fit.promised if len(fit.rows.grounded) == len(rows.grounded) else 0.0
-        reason, misfit = self._refusal(fit, torn, noise), fit.chi_squared / fit.rows.count
-        if reason and search.gave_up(fit):
-            reason = f"{reason}, or {TOO_MUCH}"
+        many = search.gave_up(fit) or fit.unknowns.bond is not None
+        reason = self._refusal(fit, torn, noise, OR_MANY if many else "")
+        misfit = fit.chi_squared / fit.rows.count
         if at_end and misfit > _LEFT_AT_END:
             reason = AT_END
         variance = scatter(fit)
         scattered = None if variance is None else (variance, fit.rows.count)
         if reason:
             state.forget()
-            unlike = not reason.startswith((AT_END, CHANGED))
+            unlike = reason not in (AT_END, CHANGED)
             known = left_out, misfit, first
             return Estimate([], [], "withheld", reason, *known, unlike=unlike), scattered
         state.fit = fit
@@ -817,7 +817,7 @@ class Estimator:
         moves = (np.hypot(*by_rows.velocities.T) > SLIDING).any()
         there = there.after(ahead) if moves else there.in_motion(False)
         state.unknowns, state.used, state.equations, state.fit = there, used, None, None
-        state.refused, state.needed = 0.0, None
+        state.refused, state.needed, state.other = 0.0, None, None
         return by_rows.estimate
 
     def _there(
@@ -936,11 +936,12 @@ class Estimator:
         state.doubted = named
         return rows
 
-    def _refusal(self, fit: Fit, torn: bool, noise: float) -> str:
+    def _refusal(self, fit: Fit, torn: bool, noise: float, or_many: str) -> str:
+        """Why a fit is not told; empty: it is. `or_many` : what may be as well, where many things may touch."""
         expected = self.channels.covariance_of_resistances(fit.operator)
         disturbed = _below_zero(fit, expected) > _IMPOSSIBLE
         if disturbed and fit.chi_squared < _CHANGING * fit.rows.count:
-            return DISTURBED
+            return DISTURBED + or_many
         if torn and not _explains(fit):
             return CHANGED
         left = fit.chi_squared / fit.rows.count
@@ -949,8 +950,10 @@ class Estimator:
         if reciprocity(fit.rows, fit.prior).misfit < TORN:  # whatever electronics do contradicts it
             return UNLIKE + OR_HUM if disturbed else UNLIKE
         if disturbed:
-            return DISTURBED
-        return _unexplained(fit.chi_squared, fit.rows) if left > self._most_left(noise) else ""
+            return DISTURBED + or_many
+        if left > self._most_left(noise):
+            return _unexplained(fit.chi_squared, fit.rows) + or_many
+        return ""
 
     def _most_left(self, noise: float) -> float:
         """Chi-squared per reading with `noise`, V rms, beyond which nothing is said; more noise than was

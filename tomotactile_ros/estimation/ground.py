@@ -24,6 +24,7 @@ DISTURBED = (
     "rows differ as only negative resistances to ground could make them: something disturbs all "
     "readings of a row (hum, the supply)"
 )
+OR_MANY = ", or more things touch than can be told apart"
 UNLIKE = (
     "rows agree with each other, but no contacts explain them on a sheet like that of the layout: is it torn, or cut "
     "otherwise (`tomotactile learn` finds out), or do more things touch it than can be told apart?"

@@ -147,9 +147,12 @@ def contacts_of(
 
 def place_floor(fit: Fit, uneven: float) -> float:
     """Standard deviation of places in x and in y, m, of what no reading tells: what the model errs, and
-    the shift, turn and scale that electrodes have in common that lie aside as they were found."""
-    in_common = float(np.sqrt(2 * np.mean(fit.unknowns.aside**2) / fit.operator.count))
-    return float(np.hypot(PLACE_FLOOR * fit.operator.pitch * uneven, in_common))
+    the shift, turn and scale that electrodes have in common that lie aside as they were found, and what these make of
+    second order: the way aside squared over the radius, of which the four about a contact leave half."""
+    aside = float(np.mean((fit.unknowns.aside**2).sum(axis=0)))
+    in_common = math.sqrt(aside / fit.operator.count)
+    second = aside / (2 * fit.operator.layout.radius)
+    return math.hypot(PLACE_FLOOR * fit.operator.pitch * uneven, in_common, second)
 
 
 def rim_floor(operator: SheetOperator, place: tuple[float, float], radius: float) -> float:

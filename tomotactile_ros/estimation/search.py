@@ -44,6 +44,7 @@ from tomotactile_ros.estimation.fits import (
     LEFT_OVER,
     MISFIT,
     SIZES,
+    WITHIN,
     Fits,
     least_after,
 )
@@ -105,7 +106,6 @@ _FEW = 3
 # readings times parts about a spacing wide: so few are tried as discs beside a shape whatever it explains, which takes
 # some milliseconds: five fingertips on 16 electrodes are 1,200
 _CHEAP = 5000
-_EXCLUDED = 9.0  # of the cost, three standard deviations: what costs more is not there
 _POOR = 1.25  # chi-squared per reading of a fit that more contacts are sure to be better than
 # chi^2, in parts of what reciprocity says that any contacts leave: what right ones leave
 _RIGHT = 1.05
@@ -289,8 +289,14 @@ class Search(Fits):
     def others(self, fit: Fit) -> Iterator[tuple[Fit, float]]:
         """What else was tried of the rows of a fit and is nearly as likely, and how likely it is, in parts of both; the
         likeliest first."""
-        least = self.price(fit, fit.doubt)
-        prices = [(self.price(each, fit.doubt), i) for i, (_, each) in enumerate(self._tried)]
+        least, shaped = self.price(fit, fit.doubt), fit.unknowns.bond is not None
+        prices = []
+        for i, (_, each) in enumerate(self._tried):
+            if shaped and each.unknowns.bond is None:  # as for `_has_more_evidence`
+                price = self._anywhere(each.cost, each.unknowns.free, fit.doubt)
+            else:
+                price = self.price(each, fit.doubt)
+            prices.append((price, i))
         for price, i in sorted(prices):
             tried = self._tried[i][1]
             if price > least + AS_LIKELY or tried.rows is not fit.rows:
@@ -404,9 +410,9 @@ class Search(Fits):
         return groups(fit, self._threshold * fit.doubt, following=True)
 
     def allows(self, contacts: Unknowns, fit: Fit, fewer: bool) -> bool:
-        """Whether the readings of a fit allow other contacts as well, all that is free fitted anew;
-        `fewer` : or do not ask for one contact more than those."""
-        limit = fit.cost + (self._threshold if fewer else _EXCLUDED) * _left(fit)
+        """Whether the readings of a fit allow other contacts as well, all that is free fitted anew, one in the place of
+        two at the price of these; `fewer` : or do not ask for one contact more than those."""
+        limit = fit.cost + (self._threshold if fewer else 2 * WITHIN) * _left(fit)
         # to the end: neighbours give way slowly
         start = Fit(self.operator, self._coarse(contacts), fit.rows, fit.prior)
         if contacts.bond is not None:
@@ -925,8 +931,11 @@ class Search(Fits):
         assert self._finished is not None
         excess = min(cost, shape.chi_squared) - shape.rows.count
         doubt = 1.0 + max(excess, 0.0) / self.operator.count
-        discs = cost / doubt + self._threshold * np.count_nonzero(free) / FORM
-        return bool(self.price(shape, doubt) < discs)
+        return bool(self.price(shape, doubt) < self._anywhere(cost, free, doubt))
+
+    def _anywhere(self, cost: float, free: np.ndarray, doubt: float) -> float:
+        """What discs of a `cost`, doubted, with as many parameters are worth that might each be anywhere."""
+        return cost / doubt + self._threshold * np.count_nonzero(free) / FORM
 
     def price(self, fit: Fit, doubt: float = 1.0) -> float:
         """The same of any fit: cells cost for what they might all have been where it had begun."""
