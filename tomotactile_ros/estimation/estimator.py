@@ -534,10 +534,10 @@ class Estimator:
         state.other = None if beside is None else beside.unknowns
         other = None if beside is None else beside.contacts
         if beside is not None:
-            there = [1.0 - beside.likely * each for each in unmatched(contacts, beside.contacts)]
+            left = 1.0 - beside.likely * unmatched(contacts, beside.contacts)
             contacts = [
                 replace(each, probability=min(each.probability, most))
-                for each, most in zip(contacts, there)
+                for each, most in zip(contacts, left.tolist())
             ]
         estimate = Estimate(contacts, parts, "valid", "", *known, complete=complete, other=other)
         return estimate, scattered

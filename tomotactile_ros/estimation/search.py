@@ -277,11 +277,14 @@ class Search(Fits):
         return fit.chi_squared > (LEFT_OVER if spent else _NEAR) * fit.rows.count
 
     def _likeliest(self, fit: Fit, other: Fit | None) -> Fit:
-        """The same, or an `other` that is likelier by far, or as many contacts or fewer that were tried before."""
+        """The same, or what explains the readings and is likelier by far: an `other`, or as many contacts or fewer that
+        were tried before."""
         fits = [each for _, each in self._tried if each.rows is fit.rows]
         few = [each for each in fits if len(each.unknowns.contacts) <= len(fit.unknowns.contacts)]
         discs = [each for each in few if each.unknowns.bond is None]
         best = min(discs if other is None else [*discs, other], key=self.price, default=fit)
+        if best.chi_squared > LEFT_OVER * fit.rows.count:
+            return fit
         if self.price(best, fit.doubt) + AS_LIKELY < self.price(fit, fit.doubt):
             return self._solve(best.unknowns, best)
         return fit

@@ -172,7 +172,8 @@ class SkinPart(Part):
         message = ContactArray(header=header, state=ContactArray.VALID)
         message.complete = all(member.complete for member in self._skin.members.values())
         message.contacts = self._all(now)
-        message.ambiguous = any(m.alternative is not None for m in self._skin.members.values())
+        known = [m for name, m in self._skin.members.items() if name not in problems]
+        message.ambiguous = any(member.alternative is not None for member in known)
         message.alternative = self._all(now, others=True) if message.ambiguous else []
         if problems:
             message.state, message.reason = ContactArray.STALE, _reason(problems)
