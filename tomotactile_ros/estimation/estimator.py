@@ -458,7 +458,7 @@ class Estimator:
             reason = f"a touch began or ended within the last {len(rows.grounded)} rows"
             return Estimate([], [], "withheld", reason, left_out, first=begun), None
         if state.used != used:
-            state.unknowns = state.sensor = None
+            state.unknowns = state.sensor = state.other = None
         start = state.unknowns
         if start is not None and times is None:
             start = start.in_motion(False)
@@ -550,7 +550,7 @@ class Estimator:
         for tried, likely in search.others(fit):
             found, _ = self._reported(search, tried, State())
             if len(found) != len(contacts) or unmatched(found, contacts).any():
-                return _Other(found, likely, tried.unknowns)
+                return _Other(found, likely, tried.unknowns.in_motion(False))
         discs = fit.unknowns.contacts
         if fit.unknowns.bond is None and len(contacts) < len(discs):
             apart = groups(fit, None)
