@@ -96,6 +96,8 @@ def test_reconstruct_writes_what_the_contract_says(frames, tmp_path, run):
             middle = 7.5 * float(taken["row_period"])
             assert np.allclose(file["stamps"], taken["stamps"] + middle)
         contacts = json.loads(str(file["contacts"]))
+        others = json.loads(str(file["alternatives"]))
+        assert not file["ambiguous"].any() and others == [[]] * 3
     assert len(contacts) == 3
     for contact in contacts[0]:
         figures = {"x", "y", "force", "pressure", "area", "radius"}

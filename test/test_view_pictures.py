@@ -18,7 +18,7 @@ from tomotactile_ros.reconstruction.settings import DEFAULT_LAW, ContactEstimate
 from tomotactile_ros.scenes.scene import load_scene
 from tomotactile_ros.view import display as display_module
 from tomotactile_ros.view.colours import OUTSIDE, Overlay, SteadyScale, colour, palette, round_up
-from tomotactile_ros.view.contact_lines import contact_lines, numbers_of, pair
+from tomotactile_ros.view.contact_lines import contact_lines, numbers_of, other_line, pair
 from tomotactile_ros.view.display import Display, Shot
 from tomotactile_ros.view.figure import plot, save_pressure
 from tomotactile_ros.view.page_parts import table_of
@@ -116,6 +116,8 @@ def test_contacts_are_paired_with_the_nearest_truth():
     bare = [true(0.0, force=None, pressure=None)]
     assert contact_lines([here], bare)[0].endswith("  off by  0.0 mm")
     assert contact_lines([], None) == contact_lines([], []) == ["no contact"]
+    assert other_line(None) == [] and other_line([]) == ["or, nearly as likely: no contact"]
+    assert other_line([here, there])[0].count(" mm") == 2
 
 
 def test_the_force_of_a_bare_conductor_is_called_a_bound_wherever_it_stands(tmp_path, capsys):

@@ -112,6 +112,7 @@ def shots(stream: FrameStream, pipeline: Pipeline, duration: float | None):
             late=late_of(late, total, "frames"),
             faults=result.faults,
             complete=result.complete,
+            alternative=result.alternative,
         )
         if duration and arrivals[-1] - first[1] >= duration:
             return

@@ -137,7 +137,16 @@ class Player:
             image = np.asarray(result.image, np.float32)
             behind = late_of(int(late[:number].sum()), number, "frames")
             shot = Shot(
-                image, result.contacts, at, 0.0, 0.0, result.reason, 0.0, behind, result.faults
+                image,
+                result.contacts,
+                at,
+                0.0,
+                0.0,
+                result.reason,
+                0.0,
+                behind,
+                result.faults,
+                alternative=result.alternative,
             )
             self._shots.append(shot)
             self._slider.max = max(at, 0.1)

@@ -125,6 +125,7 @@ _MORE = 1.2  # times as many rows are worth another fit
 _GOOD = 2.0
 # spacings: contacts of which all are wider lie where they do whatever a row or two say
 _WIDE = 1.0
+_TOLD = 0.05  # of odds: what is as likely is told beside the likeliest; what is less may be by the next frame
 _CHANGING = 2.0  # chi-squared per reading from which on contacts may be moving
 # of the readings: at an end of the converter's range: nothing is told unless the others are
 # explained. With 400 N on a sheet of 200 mm, 0.69 of them are, and 1 of 5 frames said 263 ± 17 N;
@@ -532,6 +533,8 @@ class Estimator:
         complete = not search.gave_up(fit)
         beside = self._other(search, fit, state, contacts)
         state.other = None if beside is None else beside.unknowns
+        if beside is not None and beside.likely < _TOLD:
+            beside = None
         other = None if beside is None else beside.contacts
         if beside is not None:
             left = 1.0 - beside.likely * unmatched(contacts, beside.contacts)
@@ -560,7 +563,7 @@ class Estimator:
             found, _ = self._reported(search, fit, state)
             state.joined = known
             if len(found) > len(contacts):
-                return _Other(found, 0.0, None)
+                return _Other(found, _TOLD, None)
         return None
 
     def _recut(self, fit: Fit, used: tuple[int, ...], rows: int) -> bool:

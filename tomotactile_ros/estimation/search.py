@@ -290,8 +290,8 @@ class Search(Fits):
         return fit
 
     def others(self, fit: Fit) -> Iterator[tuple[Fit, float]]:
-        """What else was tried of the rows of a fit and is nearly as likely, and how likely it is, in parts of both; the
-        likeliest first."""
+        """What else was tried of the rows of a fit and is nearly as likely, or may be by the next ones, and how likely
+        it is, in parts of both; the likeliest first."""
         least, shaped = self.price(fit, fit.doubt), fit.unknowns.bond is not None
         prices = []
         for i, (_, each) in enumerate(self._tried):
@@ -302,7 +302,7 @@ class Search(Fits):
             prices.append((price, i))
         for price, i in sorted(prices):
             tried = self._tried[i][1]
-            if price > least + AS_LIKELY or tried.rows is not fit.rows:
+            if price > least + 2 * AS_LIKELY or tried.rows is not fit.rows:
                 return
             if similar(tried.unknowns.contacts, fit.unknowns.contacts, self.operator.pitch):
                 continue
