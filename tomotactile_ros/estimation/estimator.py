@@ -72,6 +72,7 @@ from tomotactile_ros.estimation.search import (
     FALSE_ALARMS,
     FIRST_LOOK,
     SUSPECT,
+    TOLD,
     Search,
     tells_speeds,
 )
@@ -125,7 +126,6 @@ _MORE = 1.2  # times as many rows are worth another fit
 _GOOD = 2.0
 # spacings: contacts of which all are wider lie where they do whatever a row or two say
 _WIDE = 1.0
-_TOLD = 0.05  # of odds: what is as likely is told beside the likeliest; what is less may be by the next frame
 _CHANGING = 2.0  # chi-squared per reading from which on contacts may be moving
 # of the readings: at an end of the converter's range: nothing is told unless the others are
 # explained. With 400 N on a sheet of 200 mm, 0.69 of them are, and 1 of 5 frames said 263 ± 17 N;
@@ -507,7 +507,8 @@ class Estimator:
         state.misfit = max(1.0, fit.chi_squared / fit.rows.count)
         state.needed = fit.needed
         state.refused = fit.promised if len(fit.rows.grounded) == len(rows.grounded) else 0.0
-        many = search.gave_up(fit) or fit.unknowns.bond is not None
+        gave_up = search.gave_up(fit)
+        many = gave_up or fit.unknowns.bond is not None
         reason = self._refusal(fit, torn, noise, OR_MANY if many else "")
         misfit = fit.chi_squared / fit.rows.count
         if at_end and misfit > _LEFT_AT_END:
@@ -530,10 +531,9 @@ class Estimator:
                 reason = ANYWHERE
             return Estimate([], [], "withheld", reason, left_out, misfit, first), scattered
         known = left_out, misfit, first
-        complete = not search.gave_up(fit)
         beside = self._other(search, fit, state, contacts)
         state.other = None if beside is None else beside.unknowns
-        if beside is not None and beside.likely < _TOLD:
+        if beside is not None and beside.likely < TOLD:  # by the next frame it may be
             beside = None
         other = None if beside is None else beside.contacts
         if beside is not None:
@@ -542,7 +542,7 @@ class Estimator:
                 replace(each, probability=min(each.probability, most))
                 for each, most in zip(contacts, left.tolist())
             ]
-        estimate = Estimate(contacts, parts, "valid", "", *known, complete=complete, other=other)
+        estimate = Estimate(contacts, parts, "valid", "", *known, complete=not gave_up, other=other)
         return estimate, scattered
 
     def _other(
@@ -559,11 +559,10 @@ class Estimator:
             apart = groups(fit, None)
             known = state.joined
             assert known is not None  # contacts were reported
-            state.joined = replace(known, of=apart, lost={})
-            found, _ = self._reported(search, fit, state)
-            state.joined = known
+            parted = State(joined=replace(known, of=apart, lost={}))
+            found, _ = self._reported(search, fit, parted)
             if len(found) > len(contacts):
-                return _Other(found, _TOLD, None)
+                return _Other(found, TOLD, None)
         return None
 
     def _recut(self, fit: Fit, used: tuple[int, ...], rows: int) -> bool:

@@ -88,8 +88,8 @@ CUT_OFF = (2 * np.pi) ** -0.5
 # its deviation then: learned offsets may be off by as much here. Without that an untouched frame of
 # a learned 8 x 8 sensor took 500 ms instead of 16
 _OFFSETS = 5.0
-# of minus twice the logarithm of the evidence: what one of 20 hypotheses is, which is told beside the likeliest
-AS_LIKELY = float(2 * np.log(19))
+TOLD = 0.05  # of both: a hypothesis that is as likely is told beside the likeliest
+AS_LIKELY = float(2 * np.log(1 / TOLD - 1))  # the same of minus twice the logarithm of the evidence
 _CONTINUED = 0.2  # spacings that a contact may be from where it was expected
 # chi-squared per reading that such a disc leaves at most with the sensor as expected, if it is of the right
 # size: 1.0 to 1.3, of a wrong one 1.7 and more
@@ -279,36 +279,43 @@ class Search(Fits):
     def _likeliest(self, fit: Fit, other: Fit | None) -> Fit:
         """The same, or what explains the readings and is likelier by far: an `other`, or as many contacts or fewer that
         were tried before."""
-        fits = [each for _, each in self._tried if each.rows is fit.rows]
-        few = [each for each in fits if len(each.unknowns.contacts) <= len(fit.unknowns.contacts)]
+        most = len(fit.unknowns.contacts)
+        few = [each for each in self._besides(fit) if len(each.unknowns.contacts) <= most]
         discs = [each for each in few if each.unknowns.bond is None]
-        best = min(discs if other is None else [*discs, other], key=self.price, default=fit)
-        if best.chi_squared > LEFT_OVER * fit.rows.count:
+        best = min(discs if other is None else [*discs, other], key=self.price, default=None)
+        if best is None or best.chi_squared > LEFT_OVER * fit.rows.count:
             return fit
         if self.price(best, fit.doubt) + AS_LIKELY < self.price(fit, fit.doubt):
             return self._solve(best.unknowns, best)
         return fit
 
+    def _besides(self, fit: Fit) -> list[Fit]:
+        """What else was tried of the rows of a fit."""
+        tried = (each for _, each in self._tried if each.rows is fit.rows)
+        return [each for each in tried if each.unknowns is not fit.unknowns]
+
     def others(self, fit: Fit) -> Iterator[tuple[Fit, float]]:
         """What else was tried of the rows of a fit and is nearly as likely, or may be by the next ones, and how likely
         it is, in parts of both; the likeliest first."""
-        least, shaped = self.price(fit, fit.doubt), fit.unknowns.bond is not None
-        prices = []
-        for i, (_, each) in enumerate(self._tried):
-            if shaped and each.unknowns.bond is None:  # as for `_has_more_evidence`
-                price = self._anywhere(each.cost, each.unknowns.free, fit.doubt)
-            else:
-                price = self.price(each, fit.doubt)
-            prices.append((price, i))
-        for price, i in sorted(prices):
-            tried = self._tried[i][1]
-            if price > least + 2 * AS_LIKELY or tried.rows is not fit.rows:
+        contacts, pitch, doubt = fit.unknowns.contacts, self.operator.pitch, fit.doubt
+        tried = self._besides(fit)
+        others = [each for each in tried if not similar(each.unknowns.contacts, contacts, pitch)]
+        if not others:
+            return
+        least, shaped = self.price(fit, doubt), fit.unknowns.bond is not None
+
+        def price(other: Fit) -> float:
+            if shaped and other.unknowns.bond is None:  # as for `_has_more_evidence`
+                return self._anywhere(other.cost, other.unknowns.free, doubt)
+            return self.price(other, doubt)
+
+        for more, i in sorted((price(each) - least, i) for i, each in enumerate(others)):
+            if more > 2 * AS_LIKELY:
                 return
-            if similar(tried.unknowns.contacts, fit.unknowns.contacts, self.operator.pitch):
-                continue
-            if tried.unknowns.bond is None:
-                tried = solve(self.operator, tried.unknowns, fit.rows, fit.prior, most=FIRST_LOOK)
-            yield tried, float(expit((least - price) / 2))
+            other = others[i]
+            if other.unknowns.bond is None:
+                other = solve(self.operator, other.unknowns, fit.rows, fit.prior, most=FIRST_LOOK)
+            yield other, float(expit(-more / 2))
 
     def goes_on(self, start: Fit, usual: float = 1.0, known: Equations | None = None) -> bool:
         """Whether the contacts of `start` are still those of the rows, near where it says; `usual` and
@@ -945,8 +952,7 @@ class Search(Fits):
         u = fit.unknowns
         if u.bond is None:
             return super().price(fit, doubt)
-        alone = np.count_nonzero(u.free[: u.alone])
-        return fit.cost / doubt + occam(fit.begun or fit, doubt) + self._threshold * alone / FORM
+        return self._anywhere(fit.cost, u.free[: u.alone], doubt) + occam(fit.begun or fit, doubt)
 
     def _is_near(self, fit: Fit) -> bool:
         """Whether a fit of contacts alone, found as points, is one to begin with: it explains the
@@ -979,7 +985,8 @@ class Search(Fits):
             if start is not None:
                 # with the sensor as expected, or bent to the long one, whichever is nearer
                 expected = as_known(start, self._expected(fit.rows, fit.prior))
-                begun = min((self._begun(each, fit, 2) for each in (expected, start)), key=_cost)
+                starts = [self._begun(each, fit, 2) for each in (expected, start)]
+                begun = min(starts, key=lambda each: each.cost)
                 tried = solved(begun.unknowns, begun, goal=fit.cost)
                 if not overlaps(tried.unknowns.contacts, len(start.contacts) - 1):
                     whole = solved == self._solve
@@ -1031,10 +1038,6 @@ class Search(Fits):
 def _is_likely(apart: np.ndarray, prior: Prior) -> bool:
     """Whether sheet and channels may be so far `apart` (J + 3 n,) from what is expected."""
     return bool(apart @ prior.pull(apart) < chdtri(len(apart), FALSE_ALARMS))
-
-
-def _cost(fit: Fit) -> float:
-    return fit.cost
 
 
 def tells_speeds(fit: Fit) -> bool:
