@@ -115,7 +115,7 @@ def sheets_are_made_once():
 def ends_of_tears_are_found_to_3_mm():
     """Instead of 0.3 mm, which takes twice the time."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("tomotactile_ros.learning.tears._NEAR", 3e-3)
+        patch.setattr("tomotactile_ros.estimation.tears._NEAR", 3e-3)
         yield
 
 

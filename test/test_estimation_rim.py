@@ -12,11 +12,11 @@ from tomotactile_ros.estimation.as_cut import AsCut, torn
 from tomotactile_ros.estimation.channels import ChannelPrior
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.prior import Prior
+from tomotactile_ros.estimation.tears import find_tears
 from tomotactile_ros.layouts.tolerance import Tolerance
 from tomotactile_ros.learning.file import load_sensor, save_sensor
 from tomotactile_ros.learning.findings import lines
 from tomotactile_ros.learning.health import Health
-from tomotactile_ros.learning.tears import find_tears
 from tomotactile_ros.reconstruction.pipeline import Pipeline
 from tomotactile_ros.reconstruction.settings import Settings
 from tomotactile_ros.scenes.defects import Defects
@@ -108,7 +108,6 @@ def fine(size, half=0.1, radius=0.0025):
 
 
 TWO = ((0.037, 0.052), (-0.071, 0.018))
-TORN = SheetField(tears=(Tear(((-0.045, 0.027), (0.045, 0.027)), 0.001),))
 
 
 @pytest.mark.parametrize(
@@ -119,8 +118,6 @@ TORN = SheetField(tears=(Tear(((-0.045, 0.027), (0.045, 0.027)), 0.001),))
         (fine(0.2), fine(0.2, radius=0.0035), TWO, 1e-3),
         (square(0.2), square(0.204), TWO, 1.5e-3),
         (round_of(0.1), round_of(0.11), ((0.012, 0.017), (-0.022, 0.004)), 1e-3),
-        # no sheet near the layout's explains its couplings; its currents tell all the same
-        (fine(0.2), TORN, ((-0.043, -0.03),), 1e-3),
     ],
     ids=[
         "4 mm more",
@@ -128,22 +125,35 @@ TORN = SheetField(tears=(Tear(((-0.045, 0.027), (0.045, 0.027)), 0.001),))
         "electrodes too large",
         "4 x 4, 4 mm more",
         "round, 20 mm more",
-        "torn",
     ],
 )
 def test_a_contact_on_a_sheet_that_was_cut_or_printed_otherwise(drawn, true, places, within):
-    torn, pipeline = true is TORN, Pipeline(drawn, Settings("accurate"))
-    frames = pressed(drawn, places, TORN) if torn else pressed(true, places)
-    for at, frame in zip(places, frames, strict=True):
+    pipeline = Pipeline(drawn, Settings("accurate"))
+    for at, frame in zip(places, pressed(true, places), strict=True):
         pipeline.untare()  # as the first frame
         result = pipeline.process(frame, drawn.grounded, DRIVE)
         assert result.state == "valid", result.reason
         (found,) = result.contacts
         assert off(found, at) < within
-        if torn:
-            assert result.misfit > 10
-        else:
-            assert abs(found.force - 2.0) < max(0.2, 3 * found.force_std)
+        assert abs(found.force - 2.0) < max(0.2, 3 * found.force_std)
+
+
+def test_where_a_tear_is_not_known_a_touch_shows_it_and_contacts_beside_it_are_right():
+    layout = square(0.15, half=0.075, side=6, radius=0.0025)
+    tear = (-0.02, 0.028, 0.05, 0.028)
+    sheet = SheetField(tears=(Tear((tear[:2], tear[2:]), 0.001),))
+    pipeline = Pipeline(layout, Settings("accurate"))
+    places = (0.015, 0.036), (0.0, 0.02), (0.03, -0.03)
+    for at, frame in zip(places, pressed(layout, places, sheet), strict=True):
+        pipeline.untare()  # as the first frame
+        result = pipeline.process(frame, layout.grounded, DRIVE)
+        (contact,) = result.contacts
+        assert off(contact, at) < (1e-3 if at[1] < 0 else 3e-3)
+        assert off(contact, at) < 3 * contact.position_covariance[0] ** 0.5
+        assert result.misfit < 1.5
+    assert pipeline.made_otherwise.startswith("the sheet is torn from (")
+    made = pipeline.estimator.made_as
+    assert made is not None and distance(made.tears[0], tear) < 0.01
 
 
 def test_a_sheet_is_solved_as_its_first_touch_finds_it_cut():
@@ -162,6 +172,20 @@ def test_a_sheet_is_solved_as_its_first_touch_finds_it_cut():
     known.process(frame, drawn.grounded, DRIVE)
     assert known.estimator.operator_of(used).cut.outline.size == drawn.outline.size
     assert not known.made_otherwise
+
+
+def test_places_of_electrodes_are_expected_as_a_first_touch_finds_them():
+    drawn, at = fine(0.2), (0.037, 0.052)
+    way = np.random.default_rng(4).normal(0, 1e-3, drawn.positions.shape)
+    true = replace(drawn, positions=np.clip(drawn.positions + way, -0.1, 0.1))
+    pipeline = Pipeline(drawn, Settings("accurate"))
+    (frame,) = pressed(true, [at])
+    result = pipeline.process(frame, drawn.grounded, DRIVE)
+    (found,) = result.contacts
+    assert result.misfit < 1.05  # 1.2 with 0.09 mm expected of what is 1 mm
+    # all lie 0.2 mm aside in the mean, which nothing tells
+    assert off(found, at) < 0.4e-3 and found.position_covariance[0] < 0.6e-3**2
+    assert 0.5e-3 < pipeline.estimator.channels.aside * (0.2 / 7) < 1.2e-3
 
 
 def test_learning_finds_the_outline_and_makes_places_no_worse(tmp_path):
@@ -241,18 +265,3 @@ def test_learning_names_a_tear_and_contacts_are_right_beside_it(tmp_path):
         pipeline.untare()  # as the first frame
         (contact,) = pipeline.process(frame, LAYOUT.grounded, DRIVE).contacts
         assert off(contact, at) < 1e-3
-
-
-def test_where_a_tear_is_not_known_contacts_beside_it_are_right_or_withheld():
-    layout = square(0.15, half=0.075, side=6, radius=0.0025)
-    sheet = SheetField(tears=(Tear(((-0.02, 0.028), (0.05, 0.028)), 0.001),))
-    pipeline = Pipeline(layout, Settings("accurate"))
-    places = (0.015, 0.036), (0.0, 0.02)
-    for at, frame in zip(places, pressed(layout, places, sheet), strict=True):
-        pipeline.untare()  # as the first frame
-        result = pipeline.process(frame, layout.grounded, DRIVE)
-        if result.state == "withheld":
-            assert "is it torn" in result.reason
-        else:
-            (contact,) = result.contacts
-            assert off(contact, at) < 3e-3

@@ -7,6 +7,7 @@ before a change, frames that no contacts explain.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -15,7 +16,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from tomotactile_ros.estimation.arrangement import CLOSE, as_known, with_disc
-from tomotactile_ros.estimation.as_cut import AsCut
+from tomotactile_ros.estimation.as_cut import COUNT, AsCut, Tears
 from tomotactile_ros.estimation.channels import SENSOR, UNKNOWN, ChannelPrior
 from tomotactile_ros.estimation.equations import SAME, Equations, similar
 from tomotactile_ros.estimation.fit import Fit
@@ -36,6 +37,7 @@ from tomotactile_ros.estimation.observation import Rows
 from tomotactile_ros.estimation.one_state import (
     TORN,
     Reciprocity,
+    channels_alone,
     reciprocity,
     without_contradicting,
 )
@@ -67,19 +69,24 @@ from tomotactile_ros.estimation.screening import (
     without_channels,
 )
 from tomotactile_ros.estimation.search import (
+    ASIDE,
     BUDGET,
     CUT_OFF,
     FALSE_ALARMS,
     FIRST_LOOK,
     SUSPECT,
     TOLD,
+    Misplaced,
     Search,
+    further_aside,
     tells_speeds,
 )
 from tomotactile_ros.estimation.settling import Settling, rows_before, unsettled
+from tomotactile_ros.estimation.tears import EXPLAIN, couplings, find_tears
 from tomotactile_ros.estimation.touch import CONDUCTANCE, MOST_ACROSS, RADIUS
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.scenes.contact import ContactLaw
+from tomotactile_ros.support.errors import InputError
 
 # why an electrode is left out
 EXCLUDED, CONTRADICTS = "excluded by the settings", "its readings contradict all others"
@@ -252,7 +259,9 @@ class Estimator:
         self.channels, self.sensor = channels or ChannelPrior().for_layout(layout), sensor
         self.spread, self.unknown = spread, frozenset(unknown)
         self._recuts = _RECUTS
-        self._cut: np.ndarray | None = None  # as readings have shown it
+        self._sought, self._as_told = _RECUTS, self.channels
+        self._cut: np.ndarray | None = None  # as readings have shown it, and its tears
+        self._tears: Tears = ()
         self._searches: dict[tuple[int, ...], Search] = {}
         self._expected: tuple[tuple, Prior] | None = (
             None  # of the sensor, and what that was made of
@@ -404,6 +413,8 @@ class Estimator:
         """The same where channels `stuck` (E,) are broken, and electrodes `covered` (E,) lie under a conductor,
         whose currents into them say nothing of the sheet."""
         row_period, noise, follow, scan, settling = asked
+        anew = state, asked._replace(settling=False), stuck, covered
+        again = partial(self._look_without, voltages, grounded, drive_voltage, *anew)
         left_out = {e: EXCLUDED for e in self.excluded}
         if not len(grounded):
             return Estimate([], [], "withheld", "no row was read", left_out), None
@@ -483,6 +494,10 @@ class Estimator:
             known = left_out, what.found.misfit, begun
             scattered = (what.scatter, what.found.rows.count) if what.scatter else None
             return Estimate([], [], "withheld", what.reason, *known), scattered
+        except Misplaced as what:
+            self._expect_places(what.fit)
+            state.forget()
+            return again()
         except np.linalg.LinAlgError:  # numbers that no voltages between conductors have
             state.forget()
             reason = "no contacts on any sheet give such readings: wires, channels or the order of electrodes are wrong"
@@ -490,10 +505,7 @@ class Estimator:
         if not torn and self._recut(fit, used, len(rows.grounded)):
             state.forget()
             state.unknowns, state.used = fit.unknowns, used
-            asked = asked._replace(settling=False)
-            return self._look_without(
-                voltages, grounded, drive_voltage, state, asked, stuck, covered
-            )
+            return again()
         first += begun
         # the next frame begins where this one ends, and is estimated for its middle
         ahead = 0.0 if times is None else fit.rows.last + (times[-1] + row_period) / 2
@@ -515,6 +527,10 @@ class Estimator:
             reason = AT_END
         variance = scatter(fit)
         scattered = None if variance is None else (variance, fit.rows.count)
+        if reason.startswith(UNLIKE):
+            seen = self._if_torn(fit, state, again)
+            if seen is not None:
+                return seen
         if reason:
             state.forget()
             unlike = reason not in (AT_END, CHANGED)
@@ -567,30 +583,72 @@ class Estimator:
 
     def _recut(self, fit: Fit, used: tuple[int, ...], rows: int) -> bool:
         """Whether the sheet is now another one: that which a fit of so many `rows` with the electrodes
-        `used` found to be cut and printed far from how it was solved, if it was not learned."""
-        if self.sensor is not None or "sheet" not in self.unknown or not self._recuts:
+        `used` found to be cut and printed far from how it was solved, if it was not learned; or whether something
+        else is now expected of the places of its electrodes."""
+        if self.sensor is not None or not len(fit.unknowns.contacts):
             return False
-        if not len(fit.unknowns.contacts) or fit.unknowns.bond is not None:
+        if fit.unknowns.bond is not None or len(fit.rows.grounded) < rows:
             return False
-        if len(fit.rows.grounded) < rows or fit.chi_squared > _WELL * fit.rows.count:
+        if fit.chi_squared < _CHANGING * fit.rows.count and further_aside(fit) > ASIDE:
+            self._expect_places(fit)
+            return True
+        if "sheet" not in self.unknown or not self._recuts:
             return False
         found, operator = fit.unknowns.sheet, fit.operator
-        if not operator.is_far(found):
+        if fit.chi_squared > _WELL * fit.rows.count or not operator.is_far(found):
             return False
         self._recuts -= 1
         self._cut = found[operator.of_cut]
-        self._searches = {used: self._made(operator.cut_as(self._cut))}
+        self._searches = {used: self._made(operator.cut_as(self._cut, self._tears))}
         return True
 
-    @property
-    def as_cut(self) -> Layout | None:
-        """The layout as readings have shown that it was made; None: as drawn, or as learned."""
-        if self.sensor is not None or self._cut is None:
+    def _expect_places(self, fit: Fit) -> None:
+        """Expect of the places of all electrodes what a fit found of them in the mean: whoever placed some by hand,
+        did all."""
+        self.channels = replace(self.channels, aside=further_aside(fit) * self.channels.aside)
+        self._expected = None
+
+    def _if_torn(self, fit: Fit, state: State, again: Callable[[], _Looked]) -> _Looked | None:
+        """What is seen `again` with a sheet that is torn, as rows show it that no contacts explain; None where
+        they do not, or where tears explain nothing either. Asked for whoever did not learn the sheet, and not
+        often: it takes seconds."""
+        operator, rows = fit.operator, fit.rows
+        if self.sensor is not None or not self._sought or operator.tears:
             return None
-        return AsCut(self.layout, self._cut).layout
+        self._sought -= 1
+        read = np.full((1, operator.count, operator.count), np.nan)
+        read[0, rows.grounded] = np.where(rows.weights > 0, rows.readings, np.nan)
+        if np.count_nonzero(np.isnan(read)) > operator.count:  # those of the grounded ones
+            return None
+        channels = channels_alone(reciprocity(rows, fit.prior), fit.prior)[0]
+        tears = find_tears(operator, couplings(operator, read, channels.gain, channels.offset))
+        if not tears:
+            return None
+        known = self._tears, self._searches, self.channels
+        self._tears, self._searches = tears, {}
+        self.channels, self._expected = self._as_told, None
+        state.forget()
+        with suppress(InputError):  # they leave the sheet in pieces
+            found = again()
+            left = fit.chi_squared / rows.count
+            if found[0].misfit - 1 < EXPLAIN * (left - 1):
+                return found
+        self._tears, self._searches, self.channels = known
+        self._expected = None
+        return None
+
+    @property
+    def made_as(self) -> AsCut | None:
+        """The layout as readings have shown that it was made; None: as drawn, or as learned."""
+        if self.sensor is not None or (self._cut is None and not self._tears):
+            return None
+        cut = np.zeros(COUNT) if self._cut is None else self._cut
+        return AsCut(self.layout, cut, self._tears)
 
     def _made(self, operator: SheetOperator) -> Search:
-        return Search(operator, self.across, "shape" not in self.unknown)
+        return Search(
+            operator, self.across, "shape" not in self.unknown, lambda: self.sensor is not None
+        )
 
     def _ended(
         self, voltages: np.ndarray, drive_voltage: float, used: tuple[int, ...], prior: Prior
@@ -639,8 +697,9 @@ class Estimator:
             if len(self._searches) >= _KEPT:
                 self._searches.pop(next(iter(self._searches)))
             operator = operator_for(self.layout, self.model, used)
-            if self.sensor is None and self._cut is not None:
-                operator = operator.cut_as(self._cut)
+            made = self.made_as
+            if made is not None:
+                operator = operator.cut_as(made.coefficients, made.tears)
             self._searches[used] = self._made(operator)
         search = self._searches[used]
         if self.sensor is not None:

@@ -227,11 +227,11 @@ class SheetOperator:
             return False
         return not self._cut.near(AsCut(self.layout, found[self.of_cut]))
 
-    def cut_as(self, cut: np.ndarray) -> SheetOperator:
-        """The same for a sheet of the geometry `cut` (9,)."""
+    def cut_as(self, cut: np.ndarray, tears: Tears = ()) -> SheetOperator:
+        """The same for a sheet of the geometry `cut` (9,), with `tears`."""
         about = self._mean.copy()
         about[self.of_cut] = cut
-        return self.about(about)
+        return self.about(about, tears)
 
     @property
     def tears(self) -> Tears:

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+import shapely
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
@@ -29,6 +30,9 @@ PLACE_FLOOR = 1.5e-3
 RIM_FLOOR = 0.3
 # the same of wide contacts, radii, for each spacing that the radius is long: their patches are wide, too
 WIDE_FLOOR = 5e-3
+# the same beside a tear, steps of the lattice of potentials (`beside_tear`): three steps off, the model errs by a third
+# of one where a tear is known, and one that a single touch has shown is known to two thirds
+TEAR_FLOOR = 5.0
 FORCE_FLOOR = 0.02  # the same of forces, relative
 # the same of the mean D of a contact, in which closed form, finite elements and the pressure under a
 # real contact differ by so much
@@ -155,6 +159,16 @@ def place_floor(fit: Fit, uneven: float) -> float:
     return math.hypot(PLACE_FLOOR * fit.operator.pitch * uneven, in_common, second)
 
 
+def beside_tear(operator: SheetOperator, place: tuple[float, float]) -> float:
+    """How near a tear a place is, 0 to 1: the square of a step of the lattice that cannot hold what potentials jump
+    by there over the distance."""
+    if not operator.tears:
+        return 0.0
+    tears = shapely.linestrings(np.reshape(operator.tears, (-1, 2, 2)))
+    step = float(operator.potentials.lattice.step.max())
+    return (step / max(float(shapely.distance(tears, shapely.Point(place)).min()), step)) ** 2
+
+
 def rim_floor(operator: SheetOperator, place: tuple[float, float], radius: float) -> float:
     """Standard deviation of the place of a bare conductor in x and in y, m, of what the model errs where its
     rim meets that of an electrode."""
@@ -200,7 +214,10 @@ def _contact(
     noise = slope @ fit.covariance[at, at] @ slope * fit.doubt
     ways = slope @ bent[at]
     ways[i] -= IMPEDANCE_FLOOR * there.force_by_impedance(i, law.exponent)
-    unknown = ways @ ways + crowded(known, sheet) ** 2 + aside[2, 2]
+    ahead = fit.rows.last
+    x, y = prediction.touches.centre(i) + ahead * u.rates[i, :2]
+    torn = beside_tear(operator, (x, y))
+    unknown = ways @ ways + crowded(known, sheet) ** 2 + torn**2 + aside[2, 2]
     relative = float(np.sqrt(noise + FORCE_FLOOR**2 + unknown))
     # readings tell 1/c and D together: of 1/c an error is the same however large c is
     found = prediction.conductances[i]
@@ -210,11 +227,10 @@ def _contact(
     g = known * covered
     pressure = float(law.pressure(g / area))
     relative = np.inf if bare else min(relative, MOST_RELATIVE)
-    ahead = fit.rows.last
-    x, y = prediction.touches.centre(i) + ahead * u.rates[i, :2]
     place = own[np.ix_([index[X], index[Y]], [index[X], index[Y]])]
     wide = WIDE_FLOOR * radius**2 / operator.pitch
     floor = math.hypot(floor, rim_floor(operator, (x, y), radius)) if bare else floor
+    floor = math.hypot(floor, TEAR_FLOOR * torn * float(operator.potentials.lattice.step.max()))
     place = place + np.eye(2) * (floor**2 + wide**2) + aside[:2, :2]
     place = place + ahead**2 * np.diag(_velocity_variance(fit, i)) * fit.doubt
     return Contact(

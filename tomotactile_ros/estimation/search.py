@@ -10,7 +10,7 @@ grows with the excess of chi-squared for each electrode (`Fit.doubt`).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Protocol
@@ -96,6 +96,7 @@ _CONTINUED = 0.2  # spacings that a contact may be from where it was expected
 _NEAR = 1.5
 # deviations of what is expected of the radius of contacts: a part of a shape that a disc may stand for is smaller
 _SMALL = 2.0
+ASIDE = 2.0  # deviations, rms, that electrodes lie aside: more is not what was expected of them
 _NEW = 1.5  # times what one more contact promised before, it must promise to be tried again
 # of what noise does not explain: what one step from the last frame's contacts does if they are still
 # there
@@ -141,15 +142,29 @@ class Solver(Protocol):
     def __call__(self, start: Unknowns, like: Fit, *, goal: float = np.inf) -> Fit: ...
 
 
+class Misplaced(Exception):
+    """Electrodes lie further aside than was expected of them, by a `fit` of few contacts."""
+
+    def __init__(self, fit: Fit):
+        super().__init__("electrodes lie further aside than expected")
+        self.fit = fit
+
+
 class Search(Fits):
     """Finds contacts in rows of a sensor, with at most `across` patches to the width of each; `round` : all
-    are discs."""
+    are discs; `learned` : whether it is known what to expect of the places of electrodes, else `Misplaced` may be raised."""
 
-    def __init__(self, operator: SheetOperator, across: int = MOST_ACROSS, round: bool = False):
+    def __init__(
+        self,
+        operator: SheetOperator,
+        across: int = MOST_ACROSS,
+        round: bool = False,
+        learned: Callable[[], bool] = lambda: True,
+    ):
         self.detector, self.shapes = Detector(operator), Shapes(operator)
         threshold = float(chdtri(FORM, FALSE_ALARMS / len(self.detector.pixels)))
         super().__init__(operator, across, threshold)
-        self._round = round
+        self._round, self._learned = round, learned
         self._most = len(operator.used)  # contacts, each of which an electrode is nearest to
         self._refused = 0.0
         self._alike: tuple[Rows, int] | None = None  # the last answer of `of_one_state`
@@ -912,6 +927,8 @@ class Search(Fits):
         kept = _FOR_OTHERS * self._left
         self._left -= kept
         found = self._simplified(self._solve(discs.unknowns, discs))
+        if not self._learned() and further_aside(found) > ASIDE:
+            raise Misplaced(found)
         if self._falls_short(found):
             found = self._split(self._formed(found), self._solve)
         self._left += kept
@@ -1038,6 +1055,12 @@ class Search(Fits):
 def _is_likely(apart: np.ndarray, prior: Prior) -> bool:
     """Whether sheet and channels may be so far `apart` (J + 3 n,) from what is expected."""
     return bool(apart @ prior.pull(apart) < chdtri(len(apart), FALSE_ALARMS))
+
+
+def further_aside(fit: Fit) -> float:
+    """How many times as far aside electrodes lie as was expected of them, rms."""
+    aside = (fit.unknowns.aside - fit.prior.aside) / fit.prior.deviations[3:]
+    return float(np.sqrt(np.mean(aside**2)))
 
 
 def tells_speeds(fit: Fit) -> bool:

@@ -7,10 +7,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from tomotactile_ros.estimation import tears
 from tomotactile_ros.estimation.channels import SENSOR
 from tomotactile_ros.estimation.operator import SheetOperator
 from tomotactile_ros.estimation.rim import SIDES
-from tomotactile_ros.learning import tears
 from tomotactile_ros.learning.kept_out import LEAST
 from tomotactile_ros.learning.recorded import MOST, Learned
 from tomotactile_ros.learning.state import PARTS, SensorState

@@ -19,8 +19,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tomotactile_ros.estimation import tears
 from tomotactile_ros.estimation.operator import SheetOperator
-from tomotactile_ros.learning import findings, tears
+from tomotactile_ros.learning import findings
 from tomotactile_ros.learning.state import SensorState
 
 _FIRST = 6  # touches until what is known is what all later is compared with

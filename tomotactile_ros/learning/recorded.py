@@ -22,6 +22,7 @@ from tomotactile_ros.estimation.operator import SheetOperator, operator_for
 from tomotactile_ros.estimation.reciprocity import Gains, fit_gains
 from tomotactile_ros.estimation.screening import STUCK, clipped, dead_channels, stuck_channels
 from tomotactile_ros.estimation.settling import Settling, rows_before, unsettled
+from tomotactile_ros.estimation.tears import EXPLAIN, couplings, find_tears
 from tomotactile_ros.frame import Frame, stacked
 from tomotactile_ros.layouts.layout import Layout, check_layout, check_on_sheet
 from tomotactile_ros.learning.kept_out import LEAST, KeptOut, forgotten
@@ -41,7 +42,6 @@ from tomotactile_ros.learning.readings import (
     square,
 )
 from tomotactile_ros.learning.state import WIDE, SensorState
-from tomotactile_ros.learning.tears import couplings, find_tears
 from tomotactile_ros.support import checks
 from tomotactile_ros.support.errors import InputError
 
@@ -54,7 +54,6 @@ _GAINS = 24  # frames that reciprocity is tried on at once
 _HELD = 1e-2  # of the deviations of outline and radius, while the sheet is taken as drawn
 _CUT = ("outline and radius",)  # of `kept_out.GROUPS`, what is held
 _PROBED = 3  # touches: where most leave more than `EXPLAINED`, tears are looked for
-_TOLD = 0.5  # of what these leave beyond noise, what they leave at most with tears that are some
 _LOOKED_AT = 6  # frames that nothing explains, in which swapped wires are looked for
 # chi-squared per equation of reciprocity, beyond which something moves while rows are read: 1 at rest, 3
 # where channels keep 0.5 % of the row before, 4.5 and more with two fingers at 20 and 30 mm/s
@@ -444,7 +443,7 @@ def torn(learner: Learner, rows: Sequence[Rows], squares: Sequence[np.ndarray]) 
         with suppress(InputError):  # they leave the sheet in pieces
             learner.about()
             after = np.median([left_over(learner.look(each)) for each in rows])
-            if after - 1 < _TOLD * (before - 1):
+            if after - 1 < EXPLAIN * (before - 1):
                 return True
         learner.set(known)
         learner.about()

@@ -32,6 +32,7 @@ from tomotactile_ros.estimation.screening import (
 )
 from tomotactile_ros.estimation.search import BOUNDED, SUSPECT
 from tomotactile_ros.estimation.settling import with_ground
+from tomotactile_ros.estimation.tears import lines
 from tomotactile_ros.estimation.touch import MOST_ACROSS
 from tomotactile_ros.estimation.tracks import Tracks
 from tomotactile_ros.frame import DEFAULT_DRIVE, Frame
@@ -247,10 +248,13 @@ class Pipeline:
 
     @property
     def made_otherwise(self) -> str:
-        """A line where readings show that the sheet is cut or printed otherwise than drawn; else nothing."""
-        cut = self.estimator.as_cut
-        if cut is None:
+        """A line where readings show that the sheet is torn, cut or printed otherwise than drawn; else nothing."""
+        made = self.estimator.made_as
+        if made is None:
             return ""
+        if made.tears:
+            return f"{', '.join(lines(made.tears))}, it seems: look at it, or learn the sensor"
+        cut = made.layout
         sizes = (1e3 * np.array(each.outline.size) for each in (cut, self.layout))
         found, drawn = (f"{width:.1f} mm x {height:.1f} mm" for width, height in sizes)
         return (

@@ -42,6 +42,12 @@ _STEP = 0.01  # spacings: of a derivative, whose error moves the end by as much
 _TRIED = 15  # steps of a search, of five solutions each
 _HELPS = 0.75  # of what couplings are off by: what is left at most, of a tear that is one
 MOST = 2  # tears
+# the same of one where it begins: of tears that are there 0.4 to 0.8, of swapped wires and second ones that are not 0.96
+# and more
+_BEGUN = 0.9
+EXPLAIN = (
+    0.5  # of what readings leave beyond noise, what they leave at most with tears that are some
+)
 
 
 def couplings(
@@ -95,6 +101,8 @@ def find_tears(operator: SheetOperator, measured: np.ndarray) -> Tears:
 
         starts = [begun(length * operator.pitch) for length in _LENGTHS]
         start = min(starts, key=lambda ends: _cost(told(ends) - wanted))
+        if _cost(told(start) - wanted) > _BEGUN * _cost(now - wanted):
+            break
         best, then = _nearest(told, wanted, start, operator.pitch)
         if not _cost(then - wanted) <= _HELPS * _cost(now - wanted):
             break
