@@ -69,7 +69,6 @@ from tomotactile_ros.estimation.screening import (
     without_channels,
 )
 from tomotactile_ros.estimation.search import (
-    ASIDE,
     BUDGET,
     CUT_OFF,
     FALSE_ALARMS,
@@ -79,6 +78,7 @@ from tomotactile_ros.estimation.search import (
     Misplaced,
     Search,
     further_aside,
+    is_misplaced,
     tells_speeds,
 )
 from tomotactile_ros.estimation.settling import Settling, rows_before, unsettled
@@ -589,7 +589,7 @@ class Estimator:
             return False
         if fit.unknowns.bond is not None or len(fit.rows.grounded) < rows:
             return False
-        if fit.chi_squared < _CHANGING * fit.rows.count and further_aside(fit) > ASIDE:
+        if is_misplaced(fit):
             self._expect_places(fit)
             return True
         if "sheet" not in self.unknown or not self._recuts:

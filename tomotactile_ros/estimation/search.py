@@ -96,7 +96,9 @@ _CONTINUED = 0.2  # spacings that a contact may be from where it was expected
 _NEAR = 1.5
 # deviations of what is expected of the radius of contacts: a part of a shape that a disc may stand for is smaller
 _SMALL = 2.0
-ASIDE = 2.0  # deviations, rms, that electrodes lie aside: more is not what was expected of them
+# deviations, rms, that electrodes lie aside: more is not what was expected of them; and chi^2 a reading that contacts
+# leave over then at the most, 1.2 to 2.2 with electrodes 1 mm aside: those of another kind leave tens
+_ASIDE, _BUT_FOR_PLACES = 2.0, 3.0
 _NEW = 1.5  # times what one more contact promised before, it must promise to be tried again
 # of what noise does not explain: what one step from the last frame's contacts does if they are still
 # there
@@ -927,7 +929,7 @@ class Search(Fits):
         kept = _FOR_OTHERS * self._left
         self._left -= kept
         found = self._simplified(self._solve(discs.unknowns, discs))
-        if not self._learned() and further_aside(found) > ASIDE:
+        if not self._learned() and is_misplaced(found):
             raise Misplaced(found)
         if self._falls_short(found):
             found = self._split(self._formed(found), self._solve)
@@ -1061,6 +1063,12 @@ def further_aside(fit: Fit) -> float:
     """How many times as far aside electrodes lie as was expected of them, rms."""
     aside = (fit.unknowns.aside - fit.prior.aside) / fit.prior.deviations[3:]
     return float(np.sqrt(np.mean(aside**2)))
+
+
+def is_misplaced(fit: Fit) -> bool:
+    """Whether contacts explain the readings but for places of electrodes that were not expected so."""
+    explained = fit.chi_squared < _BUT_FOR_PLACES * fit.rows.count
+    return explained and further_aside(fit) > _ASIDE
 
 
 def tells_speeds(fit: Fit) -> bool:
