@@ -98,7 +98,7 @@ _NEAR = 1.5
 _SMALL = 2.0
 # deviations, rms, that electrodes lie aside: more is not what was expected of them; and chi^2 a reading that contacts
 # leave over then at the most, 1.2 to 2.2 with electrodes 1 mm aside: those of another kind leave tens
-_ASIDE, _BUT_FOR_PLACES = 2.0, 3.0
+_ASIDE, _BUT_FOR_PLACES = 3.0, 3.0
 _NEW = 1.5  # times what one more contact promised before, it must promise to be tried again
 # of what noise does not explain: what one step from the last frame's contacts does if they are still
 # there
