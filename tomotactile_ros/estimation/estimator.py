@@ -259,7 +259,7 @@ class Estimator:
         self.channels, self.sensor = channels or ChannelPrior().for_layout(layout), sensor
         self.spread, self.unknown = spread, frozenset(unknown)
         self._recuts = _RECUTS
-        self._sought, self._as_told = _RECUTS, self.channels
+        self._as_told, self._sought = self.channels, _RECUTS  # times that tears are looked for
         self._cut: np.ndarray | None = None  # as readings have shown it, and its tears
         self._tears: Tears = ()
         self._searches: dict[tuple[int, ...], Search] = {}
