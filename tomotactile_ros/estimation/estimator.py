@@ -624,7 +624,7 @@ class Estimator:
         tears = find_tears(operator, couplings(operator, read, channels.gain, channels.offset))
         if not tears:
             return None
-        known = self._tears, self._searches, self.channels
+        known = self._cut, self._tears, self._searches, self.channels
         self._tears, self._searches = tears, {}
         self.channels, self._expected = self._as_told, None
         state.forget()
@@ -633,7 +633,7 @@ class Estimator:
             left = fit.chi_squared / rows.count
             if found[0].misfit - 1 < EXPLAIN * (left - 1):
                 return found
-        self._tears, self._searches, self.channels = known
+        self._cut, self._tears, self._searches, self.channels = known
         self._expected = None
         return None
 

@@ -45,9 +45,8 @@ MOST = 2  # tears
 # the same of one where it begins: of tears that are there 0.4 to 0.8, of swapped wires and second ones that are not 0.96
 # and more
 _BEGUN = 0.9
-EXPLAIN = (
-    0.5  # of what readings leave beyond noise, what they leave at most with tears that are some
-)
+# of what readings leave beyond noise, what they leave at most with tears that are some
+EXPLAIN = 0.5
 
 
 def couplings(
@@ -100,10 +99,10 @@ def find_tears(operator: SheetOperator, measured: np.ndarray) -> Tears:
             return _logarithm(found[seen] / even[seen])
 
         starts = [begun(length * operator.pitch) for length in _LENGTHS]
-        start = min(starts, key=lambda ends: _cost(told(ends) - wanted))
-        if _cost(told(start) - wanted) > _BEGUN * _cost(now - wanted):
+        costs = [_cost(told(ends) - wanted) for ends in starts]
+        if min(costs) > _BEGUN * _cost(now - wanted):
             break
-        best, then = _nearest(told, wanted, start, operator.pitch)
+        best, then = _nearest(told, wanted, starts[int(np.argmin(costs))], operator.pitch)
         if not _cost(then - wanted) <= _HELPS * _cost(now - wanted):
             break
         tears = (*tears, _on_sheet(whole.outline, best))
