@@ -111,14 +111,6 @@ def sheets_are_made_once():
         yield
 
 
-@pytest.fixture(scope="module")
-def ends_of_tears_are_found_to_3_mm():
-    """Instead of 0.3 mm, which takes twice the time."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("tomotactile_ros.estimation.tears._NEAR", 3e-3)
-        yield
-
-
 @pytest.fixture(autouse=True)
 def signals_as_before():
     """Programs whose `main` a test calls here set handlers; what is ignored is inherited."""

@@ -21,8 +21,6 @@ from tomotactile_ros.simulation import Simulator
 
 GROUNDED = np.arange(16)
 
-pytestmark = pytest.mark.usefixtures("ends_of_tears_are_found_to_3_mm")
-
 
 def live(**more):
     return LiveLearner(layout(), noise=NOISE, **more)

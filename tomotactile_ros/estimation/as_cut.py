@@ -60,12 +60,10 @@ class AsCut:
 
     @cached_property
     def layout(self) -> Layout:
-        """So cut and printed, with the electrodes where they were."""
+        """So cut and printed, with the electrodes where they were; without tears."""
         drawn, radius = self._drawn, float(np.exp(self.coefficients[WAYS]))
-        whole = replace(
-            drawn, outline=_scaled(drawn.outline, self._out), radius=radius * drawn.radius
-        )
-        return torn(whole, self.tears) if self.tears else whole
+        outline = _scaled(drawn.outline, self._out)
+        return replace(drawn, outline=outline, radius=radius * drawn.radius)
 
     @cached_property
     def _reach(self) -> float:

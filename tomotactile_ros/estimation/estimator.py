@@ -82,7 +82,7 @@ from tomotactile_ros.estimation.search import (
     tells_speeds,
 )
 from tomotactile_ros.estimation.settling import Settling, rows_before, unsettled
-from tomotactile_ros.estimation.tears import EXPLAIN, couplings, find_tears
+from tomotactile_ros.estimation.tears import EXPLAIN, couplings, find_tears, refined
 from tomotactile_ros.estimation.touch import CONDUCTANCE, MOST_ACROSS, RADIUS
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.scenes.contact import ContactLaw
@@ -632,7 +632,13 @@ class Estimator:
             found = again()
             left = fit.chi_squared / rows.count
             if found[0].misfit - 1 < EXPLAIN * (left - 1):
-                return found
+                if state.fit is None or state.fit.unknowns.bond is not None:
+                    return found
+                cut = np.zeros(COUNT) if self._cut is None else self._cut
+                self._tears, _ = refined([state.fit], partial(operator.cut_as, cut))
+                self._searches = {}
+                state.forget()
+                return again()
         self._cut, self._tears, self._searches, self.channels = known
         self._expected = None
         return None

@@ -51,10 +51,12 @@ def information(
     prior: Prior,
     drive: float,
     uneven: float = 0.0,
+    more: np.ndarray | None = None,
 ) -> Information:
     """Information of `rows` at `unknowns`; `prior` of contacts is used, that of the sensor is not.
 
     uneven : standard deviation of each of the `pressure_modes` of discs, 0: discs are even
+    more : (m, L, n) derivatives of the readings by what else the sheet may be; they follow its coefficients
     """
     fit = Fit(operator, unknowns, rows, prior)
     prediction, weights, misfit = fit.prediction, rows.weights, fit.misfit
@@ -67,7 +69,9 @@ def information(
             ]
         )
     slopes = fit.slopes.beside(_by_electrode(fit))
-    free, modes, count = len(contacts), operator.modes, operator.count
+    if more is not None:
+        sheet = np.concatenate([sheet, more])
+    free, modes, count = len(contacts), len(sheet), operator.count
     columns = np.concatenate([contacts, sheet])
     first = free + modes
     weighted = columns * weights

@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tomotactile_ros.core import compiled
-from tomotactile_ros.estimation.as_cut import COUNT, AsCut, Tears
+from tomotactile_ros.estimation.as_cut import COUNT, AsCut, Tears, torn
 from tomotactile_ros.estimation.channels import ALIKE
 from tomotactile_ros.estimation.disc import MOST_PATCHES, unit_patches
 from tomotactile_ros.estimation.displacement import Displacement
@@ -52,6 +52,7 @@ from tomotactile_ros.estimation.uneven import (
 )
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.sheet import make_sheet
+from tomotactile_ros.sheet.changed import ChangedSheet
 from tomotactile_ros.sheet.fem import FemSheet
 
 # couplings above this part of the largest admittance change by a factor, others by a sum
@@ -110,12 +111,16 @@ class SheetOperator:
         cut = self.cut
         every = np.arange(cut.electrodes)
         ring = int(np.clip(_CHARGES // cut.electrodes, *_RING))
-        self.sheet = make_sheet(cut, "auto" if self._cut.tears else self._model, ring=ring)
+        self.sheet = make_sheet(cut, self._model, ring=ring)
+        fem = self.sheet if isinstance(self.sheet, FemSheet) else FemSheet(cut)
+        if self._cut.tears:
+            whole, same = self.sheet, fem
+            fem = self._torn(self._cut.tears)
+            self.sheet = ChangedSheet(whole, same, fem)
         size, fine = np.array(cut.outline.size, float), Lattice.fine(cut, self.pitch)
         sensed = Sensed(self.sheet, mirrored(fine.points, size / 2))
         self._potentials = PotentialTable(cut, fine, sensed)
         self.mutual = MutualTable(self.sheet, self.lattice, self._potentials, sensed)
-        fem = self.sheet if isinstance(self.sheet, FemSheet) else FemSheet(cut)
         inverse = bordered_inverse(self.sheet.electrode_electrode, every)
         self._fields = Displacement(cut, every, self.resistance, self._potentials, inverse)
         self._first = first_order(
@@ -126,6 +131,15 @@ class SheetOperator:
         self.deviation = np.concatenate([self.field.deviation, self.rim.deviation, [printed]])
         self._mesh = fem.mesh
         return fem
+
+    def _torn(self, tears: Tears) -> FemSheet:
+        """Finite elements of the even sheet with `tears`; InputError where they leave it in pieces."""
+        return FemSheet(self.cut, mesh=FemSheet(torn(self.cut, tears)).mesh)
+
+    def _places(self) -> np.ndarray:
+        """(M, 2) m, where it is known what a sheet changes: points of the lattice, off electrodes."""
+        size = np.array(self.cut.outline.size)
+        return off_electrodes(mirrored(self.lattice.points, size / 2), self.cut)
 
     def _use(self, used: np.ndarray) -> None:
         """Let all electrodes but `used` (n,) float."""
@@ -184,8 +198,7 @@ class SheetOperator:
     def _expand(self, sheet: np.ndarray, fem: FemSheet | None) -> None:
         """Be right about the coefficients `sheet` (J,) of a sheet so cut; `fem` of the even one, where it is
         at hand."""
-        size = np.array(self.cut.outline.size)
-        places = off_electrodes(mirrored(self.lattice.points, size / 2), self.cut)
+        places = self._places()
         even = self._even
         if even is None:
             fem = fem or FemSheet(self.cut, mesh=self._mesh)
@@ -232,6 +245,23 @@ class SheetOperator:
         about = self._mean.copy()
         about[self.of_cut] = cut
         return self.about(about, tears)
+
+    def torn_beside(self, tears: Tears) -> SheetOperator:
+        """The same with `tears` a little beside those that it is right about: by what the finite elements of an
+        even sheet change from these to those."""
+        other, places = self._copied(), self._places()
+        now, then = (
+            solution(self._torn(each), self.used, places, self.pitch)
+            for each in (self.tears, tears)
+        )
+        rest = self._rest or Rest(*(np.zeros(1) for _ in range(4)))
+        other._rest = Rest(
+            rest.factor + np.zeros(now.admittance.shape),
+            rest.term + then.admittance - now.admittance,
+            rest.share + then.share - now.share,
+            rest.own + then.own - now.own,
+        )
+        return other
 
     @property
     def tears(self) -> Tears:

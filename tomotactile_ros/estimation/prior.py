@@ -89,10 +89,7 @@ class Prior:
     def told(self, found: Unknowns, information: np.ndarray) -> Prior:
         """The sensor as it was `found`, with what rows say of it: `information` (J + 5 n, J + 5 n)
         in the units of `precision`."""
-        before = self.precision
-        if before is None:
-            before = np.diag(np.concatenate([self.sheet_deviation, *self.deviations]) ** -2.0)
-        precision = before + information
+        precision = self.matrix + information
         deviation = np.sqrt(np.linalg.inv(precision).diagonal())
         modes = len(self.sheet)
         return replace(
@@ -120,11 +117,16 @@ class Prior:
         )
         return np.concatenate([now - mean for now, mean in zip(found, expected)])
 
+    @property
+    def matrix(self) -> np.ndarray:
+        """(J + 5 n, J + 5 n) `precision`, of independent ones, too."""
+        if self.precision is not None:
+            return self.precision
+        return np.diag(np.concatenate([self.sheet_deviation, *self.deviations]) ** -2.0)
+
     def pull(self, apart: np.ndarray) -> np.ndarray:
         """(J + 5 n,) inverse covariance times `apart`."""
-        if self.precision is not None:
-            return self.precision @ apart
-        return apart / np.concatenate([self.sheet_deviation, *self.deviations]) ** 2
+        return self.matrix @ apart
 
     @classmethod
     def unknown(

@@ -12,18 +12,24 @@ Amstutz, Horchani and Masmoudi 2005):
 
 The place and direction that explain most of what couplings lack are where the search for both ends
 begins; there the sheet is solved with the cut by finite elements. How much couplings may err otherwise
-(unevenness, outline) is `_ERR`; outliers count by their size alone.
+(unevenness, outline) is `_ERR`; outliers count by their size alone. From there on readings tell the ends,
+as unknowns beside contacts and sensor (`refined`): couplings have the currents of contacts in them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 
 import numpy as np
+from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import least_squares
 
 from tomotactile_ros.estimation.as_cut import Tears, torn
+from tomotactile_ros.estimation.fit import Fit
+from tomotactile_ros.estimation.information import information
 from tomotactile_ros.estimation.operator import SheetOperator
+from tomotactile_ros.estimation.solver import solve
 from tomotactile_ros.estimation.uneven import bordered_inverse
 from tomotactile_ros.layouts.grid import Grid
 from tomotactile_ros.layouts.layout import Layout
@@ -37,10 +43,12 @@ _LEAST = 1e-3  # of a coupling: less is as good as none
 _PER_PITCH = 4  # places to one spacing of the electrodes, where a tear may begin
 _DIRECTIONS = 8  # over half a turn
 _LENGTHS = 0.6, 1.5, 3.0  # spacings that a tear is tried with
-_NEAR = 3e-4  # m: ends are known to that, at best
+_ROUGH = 3e-3  # m: ends are known to that by couplings, at best
+_NEAR = 3e-4  # m: the same by readings
 _STEP = 0.01  # spacings: of a derivative, whose error moves the end by as much
 _TRIED = 15  # steps of a search, of five solutions each
 _HELPS = 0.75  # of what couplings are off by: what is left at most, of a tear that is one
+_REFINED = 4  # steps of ends by readings themselves
 MOST = 2  # tears
 # the same of one where it begins: of tears that are there 0.4 to 0.8, of swapped wires and second ones that are not 0.96
 # and more
@@ -110,6 +118,62 @@ def find_tears(operator: SheetOperator, measured: np.ndarray) -> Tears:
     return tears
 
 
+def refined(fits: Sequence[Fit], made: Callable[[Tears], SheetOperator]) -> tuple[Tears, list[Fit]]:
+    """Ends that explain the readings of `fits` best, contacts and sensor of each following, and the fits then;
+    `made` the operator of a sheet with other tears."""
+    best, length = list(fits), np.inf
+    for _ in range(_REFINED):
+        step = _ends_of(best)
+        length = float(np.abs(step).max())
+        tears = _moved(best[0].operator.tears, step)
+        with suppress(InputError):  # the sheet is in pieces
+            operator = made(tears)
+            found = [solve(operator, fit.unknowns, fit.rows, fit.prior) for fit in best]
+            if sum(fit.cost for fit in found) < sum(fit.cost for fit in best):
+                best = found
+                if length > _NEAR:
+                    continue
+        break
+    return best[0].operator.tears, best
+
+
+def _ends_of(fits: Sequence[Fit]) -> np.ndarray:
+    """(T, 4) m, a step of Gauss and Newton of the ends of the tears that `fits` have."""
+    operator = fits[0].operator
+    ends = np.array(operator.tears)
+    step, modes = _STEP * operator.pitch, operator.modes
+    normal, right = np.eye(ends.size) / operator.pitch**2, np.zeros(ends.size)
+    beside = []
+    for each in np.eye(ends.size):
+        way = step * each.reshape(ends.shape)
+        try:
+            beside.append((operator.torn_beside(_moved(operator.tears, way)), step))
+        except InputError:
+            beside.append((operator.torn_beside(_moved(operator.tears, -way)), -step))
+    for fit in fits:
+        slopes = [
+            (fit.misfit - Fit(other, fit.unknowns, fit.rows, fit.prior).misfit) / by
+            for other, by in beside
+        ]
+        found = information(operator, fit.unknowns, fit.rows, fit.prior, 1.0, more=np.array(slopes))
+        own = np.arange(modes, modes + ends.size)
+        rest = np.delete(np.arange(len(found.vector)), own)
+        of_sensor = found.matrix[np.ix_(rest, rest)] + fit.prior.matrix
+        pull = found.vector[rest] - fit.prior.pull(fit.prior.apart(fit.unknowns))
+        mixed = found.matrix[np.ix_(own, rest)]
+        scale = 1 / np.sqrt(of_sensor.diagonal())
+        factor = cho_factor(of_sensor * np.outer(scale, scale))
+        back = scale[:, None] * cho_solve(factor, scale[:, None] * mixed.T)
+        normal += found.matrix[np.ix_(own, own)] - mixed @ back
+        right += found.vector[own] - back.T @ pull
+    return np.linalg.solve(normal, right).reshape(ends.shape)
+
+
+def _moved(tears: Tears, by: np.ndarray) -> Tears:
+    """With ends that are `by` (T, 4), m, elsewhere."""
+    return tuple((float(x), float(y), float(u), float(v)) for x, y, u, v in np.array(tears) + by)
+
+
 def _on_sheet(outline: Outline, ends: np.ndarray) -> tuple[float, float, float, float]:
     """The part of a tear that is on the sheet."""
     parts = outline.parts_of(ends.reshape(2, 2))
@@ -157,7 +221,7 @@ def _nearest(
         slopes,
         loss="soft_l1",
         x_scale=pitch,
-        xtol=_NEAR / float(np.abs(start).max()),
+        xtol=_ROUGH / float(np.abs(start).max()),
         ftol=1e-3,
         max_nfev=_TRIED,
     )

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,7 +23,7 @@ from tomotactile_ros.estimation.operator import SheetOperator, operator_for
 from tomotactile_ros.estimation.reciprocity import Gains, fit_gains
 from tomotactile_ros.estimation.screening import STUCK, clipped, dead_channels, stuck_channels
 from tomotactile_ros.estimation.settling import Settling, rows_before, unsettled
-from tomotactile_ros.estimation.tears import EXPLAIN, couplings, find_tears
+from tomotactile_ros.estimation.tears import EXPLAIN, couplings, find_tears, refined
 from tomotactile_ros.frame import Frame, stacked
 from tomotactile_ros.layouts.layout import Layout, check_layout, check_on_sheet
 from tomotactile_ros.learning.kept_out import LEAST, KeptOut, forgotten
@@ -442,8 +443,11 @@ def torn(learner: Learner, rows: Sequence[Rows], squares: Sequence[np.ndarray]) 
         learner.set(replace(known, tears=(*known.tears, *tears)))
         with suppress(InputError):  # they leave the sheet in pieces
             learner.about()
-            after = np.median([left_over(learner.look(each)) for each in rows])
-            if after - 1 < EXPLAIN * (before - 1):
+            fits = [learner.look(each) for each in rows]
+            if np.median([left_over(fit) for fit in fits]) - 1 < EXPLAIN * (before - 1):
+                tears, _ = refined(fits, partial(learner.operator.cut_as, known["cut"]))
+                learner.set(replace(known, tears=tears))
+                learner.about()
                 return True
         learner.set(known)
         learner.about()
