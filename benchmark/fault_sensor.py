@@ -57,7 +57,7 @@ class Sensor:
                 return begin + (sequence - first) / rate
         return np.nan
 
-    def __enter__(self) -> Sensor:
+    def __enter__(self):
         return self
 
     def __exit__(self, *_) -> None:

@@ -63,7 +63,11 @@ def test_more_noise_or_fewer_rows_are_worse_and_known_channels_better():
     known = Expectation(LAYOUT, Conditions())
     noisy = Expectation(LAYOUT, Conditions(noise=2e-3))
     assert deviations(known, centre)[0] < place
-    assert deviations(known, centre)[0] < deviations(noisy, centre)[0] < 2.01 * deviations(known, centre)[0]
+    assert (
+        deviations(known, centre)[0]
+        < deviations(noisy, centre)[0]
+        < 2.01 * deviations(known, centre)[0]
+    )
 
 
 def test_a_scan_is_the_sum_of_its_rows():
@@ -82,7 +86,9 @@ def test_the_equal_grid_is_better_in_place_than_the_one_with_the_sharpest_images
     errors = []
     for layout in (LAYOUT, load_layout("free-4x4")):
         expectation = Expectation(layout, Conditions())
-        errors.append(np.mean([deviations(expectation, centre)[0] for centre in lattice(layout, 5)]))
+        errors.append(
+            np.mean([deviations(expectation, centre)[0] for centre in lattice(layout, 5)])
+        )
     assert errors[0] < 0.6 * errors[1]
 
 
