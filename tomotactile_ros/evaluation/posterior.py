@@ -284,7 +284,7 @@ class RowInformation:
     def figures(self, grounded: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
         """(P,) standard deviations of place, m, and force, relative, by rows of these
         electrodes."""
-        inverse = self._inverse(self._rows[:, list(grounded)].sum(axis=1))
+        inverse = _inverse(self._priors + self._rows[:, list(grounded)].sum(axis=1))
         free = np.count_nonzero(_DISC)
         covariance = inverse[:, :free, :free]
         force = np.einsum("pi,pij,pj->p", self._slopes, covariance, self._slopes)
@@ -297,14 +297,10 @@ class RowInformation:
         It is convex in the weights: 1 / trace((A^-1)_xy) is concave in a positive definite A, and
         one over the root of something concave is convex.
         """
-        inverse = self._inverse(np.tensordot(self._rows, weights, axes=(1, 0)))
+        inverse = _inverse(self._priors + np.tensordot(self._rows, weights, axes=(1, 0)))
         place, columns = _place(inverse), inverse[:, :, X : Y + 1]
         taken = (self._rows @ columns[:, None]) * columns[:, None]  # (P, E, k, 2)
         return float(place.mean()), -(taken.sum(axis=(2, 3)) / place[:, None]).mean(axis=0) / 2
-
-    def _inverse(self, rows):
-        """(P, k, k) covariance of all unknowns, rows (P, k, k) being what all rows tell."""
-        return _inverse(self._priors + rows)
 
 
 def _inverse(normal: np.ndarray) -> np.ndarray:
