@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
 import re
 import signal
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -38,7 +36,7 @@ class Sensor:
         )
         self.port = self.process.stdout.readline().strip()
         self.starts: list[tuple[int, float, float]] = []  # sequence, s (monotonic), frames/s
-        self.made = self.rows = self.dropped = 0
+        self.made = self.dropped = 0
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
 
@@ -46,8 +44,8 @@ class Sensor:
         for line in self.process.stdout:
             if found := re.match(r"from (\d+) (\d+) (\S+)", line):
                 self.starts.append((int(found[1]), 1e-6 * float(found[2]), float(found[3])))
-            elif found := re.match(r"frames (\d+), rows (\d+), dropped (\d+)", line):
-                self.made, self.rows, self.dropped = map(int, found.groups())
+            elif found := re.match(r"frames (\d+), rows \d+, dropped (\d+)", line):
+                self.made, self.dropped = map(int, found.groups())
 
     def begin_of(self, sequence: int, arrival: float) -> float:
         """When the frame of that number began that arrived then, s, monotonic clock; or NaN.
@@ -59,6 +57,12 @@ class Sensor:
                 return begin + (sequence - first) / rate
         return np.nan
 
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_) -> None:
+        self.stop()
+
     def stop(self, how: int = signal.SIGTERM) -> None:
         """End it and wait; a kill leaves no figures."""
         self.process.send_signal(how)
@@ -67,27 +71,17 @@ class Sensor:
         self.process.stdout.close()
 
 
-@contextlib.contextmanager
-def sensor(port: str, **options) -> Iterator[Sensor]:
-    """A running sensor, ended at last."""
-    running = Sensor(port, **options)
-    try:
-        yield running
-    finally:
-        running.stop()
-
-
 class Judge:
     """Takes frames and compares every reading with what was sent.
 
     Attributes
     ----------
-    frames, wrong_frames, wrong_readings : int
+    frames, wrong_readings : int
         `wrong_readings` differ from those of the frame whose sequence number they carry.
     """
 
     def __init__(self, electrodes: int) -> None:
-        self.frames = self.wrong_frames = self.wrong_readings = 0
+        self.frames = self.wrong_readings = 0
         self._times: list[tuple[int, float, float]] = []  # sequence, arrival, stamp (monotonic)
         self.arrived = threading.Event()
         self._electrodes = electrodes
@@ -99,7 +93,6 @@ class Judge:
         valid = ~np.isnan(frame.voltages)
         wrong = int((np.abs(frame.voltages - expected * SCALE) > 0.1 * SCALE)[valid].sum())
         self.wrong_readings += wrong
-        self.wrong_frames += wrong > 0
         if not wrong:
             self._times.append((frame.sequence, now, frame.stamp - unix + now))
         self.arrived.set()

@@ -44,9 +44,9 @@ from tomotactile_ros.nodes.conversions import stamp_of
 sys.path.insert(0, str(Path(__file__).parent))  # scripts/setup keeps Python from doing so
 
 import fault_kills
-from fault_sensor import Judge, Sensor, sensor
+from fault_sensor import Judge, Sensor
 from nodes import Nodes, arguments
-from sensor import ANSWERS, IDENTITY, ROWS
+from sensor import ANSWERS, IDENTITY, LINE, ROWS
 
 from tomotactile_ros.bench.tables import Table
 
@@ -59,20 +59,9 @@ SAMPLE = 10.0  # s
 IN_DRIVER = "frames_lost", "frames_incomplete", "frames_stale"
 FAST = 250.0 * 64 * 169.0  # bytes/s of 8 x 8 electrodes at 250 frames/s
 
-LINE_FAULTS = [
-    "flip",
-    "burst",
-    "zeros",
-    "drop-byte",
-    "insert-byte",
-    "cut",
-    "double",
-    "swap",
-    "merge",
-]
-LINE = {
+AMOUNTS = {  # of faults of the line
+    **dict.fromkeys(LINE, (0.001, 0.01, 0.1)),
     "none": (1.0,),
-    **dict.fromkeys(LINE_FAULTS, (0.001, 0.01, 0.1)),
     "lose": (1e-5, 1e-4, 0.001, 0.01, 0.03, 0.1),
     "noise": (0.0001, 0.001),
 }
@@ -130,7 +119,7 @@ class Watcher:
 def run(name: str, port: str, seconds: float, rate: float = 60.0, **fault) -> list[str]:
     """Cells under `HEADER` of one sensor with one fault and a device that listens for so many seconds."""
     judge = Judge(64)
-    with sensor(port, electrodes=64, **fault) as source:
+    with Sensor(port, electrodes=64, **fault) as source:
         device = SerialDevice(source.port, 64, rate=rate)
         device.max_age = MAX_AGE
         device.open(judge)
@@ -151,13 +140,12 @@ def run(name: str, port: str, seconds: float, rate: float = 60.0, **fault) -> li
 
 def cases(part: str) -> Iterator[tuple[str, dict]]:
     """Names, and what `run` is given."""
-    faults: list[tuple[str, float]] = []
+    faults: list[tuple[str, float, int]] = []  # with amount and seed
     if part == "line":
-        faults = [(fault, amount) for fault, amounts in LINE.items() for amount in amounts]
+        faults = [(fault, each, i) for fault in AMOUNTS for i, each in enumerate(AMOUNTS[fault])]
     elif part == "nonsense":
-        faults = [*itertools.product((*ROWS, *ANSWERS, *IDENTITY), (1.0, 0.01))]
-    for fault, amount in faults:
-        seed = LINE[fault].index(amount) if part == "line" else 0
+        faults = [*itertools.product((*ROWS, *ANSWERS, *IDENTITY), (1.0, 0.01), (0,))]
+    for fault, amount, seed in faults:
         given = {"fault": fault, "amount": amount, "seed": seed, "seconds": SECONDS}
         yield f"{fault}, {100 * amount:g} %", given
     if part == "age":
@@ -239,7 +227,7 @@ def one_soak(side: int, rate: float, minutes: float) -> dict[str, str]:
         port, layout = f"{folder}/port", Path(folder, "layout.yaml")
         equal_grid(side, side, (0.2, 0.2), 0.0025, 1e4, inset=0.005).save(layout)
         given = {"electrodes": side**2, "rate": rate, "buffer": BUFFER}
-        source = stack.enter_context(sensor(f"pty:{port}", **given))
+        source = stack.enter_context(Sensor(f"pty:{port}", **given))
         with contextlib.suppress(PermissionError):  # hardware waits for nobody
             os.sched_setscheduler(source.process.pid, os.SCHED_FIFO, os.sched_param(10))
         words = arguments({"layout": layout, "device": "serial", "rate": rate, "port": port})

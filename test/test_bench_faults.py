@@ -1,7 +1,7 @@
 """benchmark/fault_kills.py sees what a killed program leaves behind, and nothing where nothing is;
 benchmark/faults.py judges frames."""
 
-import importlib.util
+import importlib
 import signal
 import sys
 from dataclasses import replace
@@ -11,20 +11,9 @@ import pytest
 
 from tomotactile_ros.devices.base import Status
 
-BENCHMARK = Path(__file__).resolve().parent.parent / "benchmark"
-
-
-def _load(name: str):
-    pytest.importorskip("diagnostic_msgs")
-    sys.path.insert(0, str(BENCHMARK))
-    spec = importlib.util.spec_from_file_location(name, BENCHMARK / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # for its dataclass
-    spec.loader.exec_module(module)
-    return module
-
-
-fault_kills = _load("fault_kills")
+pytest.importorskip("diagnostic_msgs")
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benchmark"))
+fault_kills, faults = map(importlib.import_module, ("fault_kills", "faults"))
 
 
 def left_by(script: str, how: signal.Signals = signal.SIGTERM) -> dict[str, int]:
@@ -53,7 +42,6 @@ def test_what_a_kill_may_leave():
 
 def test_a_sensor_whose_plug_is_pulled_is_an_error(tmp_path):
     """The level counts while nothing is there, not only while frames arrive."""
-    faults = _load("faults")
     said = faults.plug_pulled(f"pty:{tmp_path}/port", times=2)
     row = faults.run("none", f"pty:{tmp_path}/port", 2.0)
     frames, _, rest = said.partition(" ")  # one for each plug, more before a slow machine pulls it

@@ -87,18 +87,12 @@ def test_readings_have_gains_steps_and_noise_of_their_seed():
 @pytest.mark.parametrize("beside", [False, True])
 def test_a_touch_changes_between_two_rows_of_the_frame_that_is_judged(beside, end):
     """From nothing, or beside a touch that lasts."""
-    touched = some_states(6)
+    touched, without = some_states(6), None
     if beside:
-        lasting = {"x": 0.05, "y": 0.0, "force": 2.0}
-        both = States(
-            LAYOUT,
-            touched.seen[::-1],
-            [[lasting, *truth] for truth in touched.truths],
-            touched.cases,
-        )
-        made = changes.beside("case", touched, both, end)
-    else:
-        made = changes.alone("case", touched, end)
+        lasting, without = {"x": 0.05, "y": 0.0, "force": 2.0}, touched
+        truths = [[lasting, *truth] for truth in touched.truths]
+        touched = States(LAYOUT, touched.seen[::-1], truths, touched.cases)
+    made = changes.changing("case", touched, end, without)
     assert made.row_period == ROW_PERIOD
     for i in range(6):
         first, within, last = made.frames[3 * i : 3 * i + 3]

@@ -28,7 +28,7 @@ MANY = 16  # electrodes
 def listening(tmp_path, fault: str, amount: float = 1.0):
     """A device at the sensor with a fault; its frames also go to the judge of the watch."""
     options = {"electrodes": MANY, "fault": fault, "amount": amount}
-    with fault_sensor.sensor(f"pty:{tmp_path}/port", **options) as source:
+    with fault_sensor.Sensor(f"pty:{tmp_path}/port", **options) as source:
         device = SerialDevice(source.port, MANY, rate=100.0)
         watch = Watch(device)
         watch.source, watch.judge = source, fault_sensor.Judge(MANY)

@@ -178,13 +178,6 @@ LAYOUT = equal_grid(4, 4, (0.2, 0.2), 0.004, 1e4, inset=0.02)
 GRID = Grid.for_outline(LAYOUT.outline, 16)
 
 
-def scene_blur(layout, regularization=100.0, count=None):
-    symmetry = find_symmetry(GRID, layout.positions)
-    transfer = paper_transfer(layout, GRID.pixels, symmetry=symmetry)
-    spread = PointSpread(gram_blocks(transfer, GRID, symmetry), regularization)
-    return SceneBlur(Scenes(GRID, count or layout.electrodes), transfer, spread)
-
-
 def test_blur_is_that_of_sums_of_point_spreads():
     """Images by the dense formula, without symmetry."""
     matrix = Sensitivity(paper_transfer(LAYOUT, GRID.pixels)).dense()
@@ -196,7 +189,10 @@ def test_blur_is_that_of_sums_of_point_spreads():
         image = images[:, contact].sum(axis=1)
         away = np.linalg.norm(GRID.pixels[:, None] - GRID.pixels[contact], axis=2).min(axis=1)
         blurs.append(np.sqrt((image**2 @ away**2) / (image @ image)))
-    assert scene_blur(LAYOUT).value == pytest.approx(np.mean(blurs), rel=1e-9)
+    symmetry = find_symmetry(GRID, LAYOUT.positions)
+    transfer = paper_transfer(LAYOUT, GRID.pixels, symmetry=symmetry)
+    spread = PointSpread(gram_blocks(transfer, GRID, symmetry), 100.0)
+    assert SceneBlur(scenes, spread).value == pytest.approx(np.mean(blurs), rel=1e-9)
 
 
 def test_search_makes_scenes_sharper_where_they_count_alone():

@@ -9,7 +9,7 @@ import numpy as np
 
 from tomotactile_ros.bench.trials import DRIVE, Recording, Trials
 from tomotactile_ros.evaluation.metrics import quality
-from tomotactile_ros.evaluation.scoring import REACH, score
+from tomotactile_ros.evaluation.scoring import REACH, figures, score
 from tomotactile_ros.layouts.grid import Grid
 from tomotactile_ros.reconstruction import Pipeline
 from tomotactile_ros.reconstruction.contacts_in_image import find_blobs
@@ -46,12 +46,12 @@ def measure(pipeline: Pipeline, trials: Trials) -> dict:
     }
     images = np.array([pipeline.grid.gather(result.potential) for result in one[0]])
     return merit(images, one[1], pipeline.grid) | {
-        "contact_error": spread(distances(*one)),
-        "worn": {"contact_error": spread(distances(*found["worn"][0]))},
+        "contact_error": figures(distances(*one)),
+        "worn": {"contact_error": figures(distances(*found["worn"][0]))},
         "two_contacts": _distance(resolved, trials.separations),
         "force_error": {
-            "one": spread(_all_force_errors(*one)),
-            "two": spread(_all_force_errors(*two)[np.repeat(resolved, 2)]),
+            "one": figures(_all_force_errors(*one)),
+            "two": figures(_all_force_errors(*two)[np.repeat(resolved, 2)]),
         },
         "scores": scores,
         "ospa": {sensor: ospa(each.values()) for sensor, each in scores.items()},
@@ -67,14 +67,7 @@ def process(pipeline: Pipeline, recording: Recording) -> list:
 def merit(images: np.ndarray, truths: Truths, grid: Grid) -> dict:
     """`hwhm`, `position_error` and `blur` of `images` (N, K) of single contacts, m."""
     found = quality(images, [(true["x"], true["y"]) for (true,) in truths], grid)
-    return {key: spread(getattr(found, key)) for key in ("hwhm", "position_error", "blur")}
-
-
-def spread(values) -> dict:
-    """Mean and 95th percentile; None of no values."""
-    if not len(values):
-        return {"mean": None, "p95": None}
-    return {"mean": float(np.mean(values)), "p95": float(np.percentile(values, 95))}
+    return {key: figures(getattr(found, key)) for key in ("hwhm", "position_error", "blur")}
 
 
 def ospa(scores: Iterable[dict]) -> float:

@@ -23,12 +23,12 @@ from tomotactile_ros.simulation import Simulator
 
 DEADLINES = 0.3e-3, 1e-3, 3e-3, 10e-3, 30e-3, 100e-3  # s
 FRAMES = 16
-SENSORS: dict[str, tuple[str, Callable[[Layout], Scene]]] = {
-    "textbook": ("equal-8x8", lambda layout: load_scene("default")),
-    "worn": ("equal-8x8", lambda layout: load_scene("worn-sensor")),
-    "hand": ("equal-8x8", lambda layout: load_scene("hand")),
-    "ten": ("equal-8x8", lambda layout: _crowd(layout, 10)),
-    "4 x 4": ("equal-4x4", lambda layout: load_scene("default")),
+SENSORS = {  # layout and scene; None: `_crowd`
+    "textbook": ("equal-8x8", "default"),
+    "worn": ("equal-8x8", "worn-sensor"),
+    "hand": ("equal-8x8", "hand"),
+    "ten": ("equal-8x8", None),
+    "4 x 4": ("equal-4x4", "default"),
 }
 
 
@@ -37,9 +37,9 @@ def measure(tick: Callable[[float], None] = lambda fraction: None) -> list[dict]
     median relative error of forces (None without any), withheld, complete, of so many frames; median and
     worst time, s."""
     rows = []
-    for name, (layout_name, make) in SENSORS.items():
+    for name, (layout_name, scene_name) in SENSORS.items():
         layout = load_layout(layout_name)
-        scene = make(layout)
+        scene = load_scene(scene_name) if scene_name else _crowd(layout, 10)
         simulator = Simulator(layout, scene)
         lasts = simulator.row_period * len(simulator.grounded)
         frames = [simulator.measure(i * lasts, i) for i in range(FRAMES)]

@@ -27,7 +27,6 @@ from scipy.sparse.linalg import splu
 
 from tomotactile_ros.bench.reference_mesh import (
     NEEDED,
-    Ellipse,
     Shape,
     default_size,
     disc,
@@ -106,12 +105,11 @@ class ReferenceSheet:
         self.lines = lines
         self._conductance = conductance
 
-    def solve(self, contacts: Sequence[tuple[Shape | Contact | ArrayLike, float]]) -> Admittance:
+    def solve(self, contacts: Sequence[tuple[Shape | Contact, float]]) -> Admittance:
         """What the electrodes see of `contacts`.
 
         Each is a form and its conductance per area, S/m^2. Forms are `disc(...)`, an `Ellipse`, a
-        `Region`, a `Contact` or the corners (V, 2) of a polygon; where they overlap they conduct
-        side by side. A conductance of infinity is a bare conductor at the drive voltage; it may not
+        `Region` or a `Contact`; where they overlap they conduct side by side. A conductance of infinity is a bare conductor at the drive voltage; it may not
         touch an electrode. What lies outside the outline does not touch.
         """
         placed = [(_shape(form), flow) for form, flow in contacts]
@@ -228,9 +226,7 @@ def _skfem():
 def _shape(form) -> Shape:
     if isinstance(form, Contact):
         return disc(form.center, form.radius) if form.shape == "disc" else Region(form.vertices)
-    if isinstance(form, (Ellipse, Region)):
-        return form
-    return Region(np.asarray(form, float))
+    return form
 
 
 def _mass(mesh, elements, flow):

@@ -74,14 +74,9 @@ def truth(press: Press, outline: Outline) -> dict:
     conductance : S/m^2; shape, center, and disc_radius of a disc.
     """
     shape = press.shape
-    corners = (
-        shape.shell
-        if isinstance(shape, Region)
-        else shapely.get_coordinates(_polygon_of(shape))[:-1]
-    )
-    holes = shape.holes if isinstance(shape, Region) else ()
+    region = shape if isinstance(shape, Region) else _polygon_of(shape)
     sheet = shapely.Polygon(outline.shell, outline.holes)
-    part = shapely.Polygon(corners, holes).intersection(sheet)
+    part = shapely.Polygon(region.shell, region.holes).intersection(sheet)
     content = {
         "shape": press.words,
         "x": part.centroid.x,
@@ -99,9 +94,9 @@ def truth(press: Press, outline: Outline) -> dict:
     return content
 
 
-def _polygon_of(ellipse: Ellipse) -> shapely.Polygon:
+def _polygon_of(ellipse: Ellipse) -> Region:
     points = ellipse_polygon(ellipse.semi_axes, 256)
-    return shapely.Polygon(turned(points, ellipse.angle) + ellipse.center)
+    return Region(turned(points, ellipse.angle) + ellipse.center)
 
 
 # -- layouts ------------------------------------------------------------------------------------

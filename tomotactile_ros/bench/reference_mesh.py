@@ -41,10 +41,6 @@ class Ellipse:
         a, b = self.semi_axes
         return math.pi * (3 * (a + b) - math.sqrt((3 * a + b) * (a + 3 * b)))
 
-    @property
-    def area(self) -> float:
-        return math.pi * self.semi_axes[0] * self.semi_axes[1]
-
     def contains(self, points: np.ndarray) -> np.ndarray:
         """(n,) which of the points (n, 2) lie inside."""
         along = turned(points - self.center, -self.angle)

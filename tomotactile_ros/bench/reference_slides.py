@@ -82,21 +82,6 @@ def slides(name: str) -> tuple[Layout, list[Slide]]:
     return layout, made
 
 
-def solve(layout: Layout, slide: Slide, h: float | None = None) -> np.ndarray:
-    """(V, N L, E) `rows` of a slide."""
-    numbers = np.arange(SCANS * layout.electrodes)
-    ways = np.round(ROW_PERIOD * np.outer(SPEEDS, numbers), 9)
-    places, which = np.unique(ways, return_inverse=True)
-    found = solved(Family(layout, [State("slide", [slide.at(way)]) for way in places.tolist()]), h)
-    return np.array(
-        [
-            reference_frame([found.seen[k] for k in row], 1.0, grounded=numbers % layout.electrodes)
-            for row in which.reshape(ways.shape)
-        ],
-        np.float32,
-    )
-
-
 def make(
     name: str, path: str | os.PathLike, h: float | None = None, most: int | None = None
 ) -> None:
@@ -104,7 +89,17 @@ def make(
     is replaced whole or not at all."""
     layout, made = slides(name)
     made = made[:most]
-    rows = np.array([solve(layout, slide, h) for slide in made])
+    numbers = np.arange(SCANS * layout.electrodes)
+    ways = np.round(ROW_PERIOD * np.outer(SPEEDS, numbers), 9)
+    places, which = np.unique(ways, return_inverse=True)
+    rows = []
+    for slide in made:
+        states = [State("slide", [slide.at(way)]) for way in places.tolist()]
+        seen = solved(Family(layout, states), h).seen
+        grounded = numbers % layout.electrodes
+        for speed in which.reshape(ways.shape):
+            rows.append(reference_frame([seen[k] for k in speed], 1.0, grounded=grounded))
+    shape = len(made), len(SPEEDS), len(numbers), layout.electrodes
     texts = {
         "slides": [
             {"direction": list(slide.direction), "contact": truth(slide.press, layout.outline)}
@@ -113,7 +108,8 @@ def make(
         "speeds": list(SPEEDS),
         "made": {"model": "reference", "row_period": ROW_PERIOD},
     }
-    reference_data.write(path, layout, {"rows": rows}, texts)
+    packed = np.array(rows, np.float32).reshape(shape)
+    reference_data.write(path, layout, {"rows": packed}, texts)
 
 
 def load(name: str | os.PathLike) -> SlideData:

@@ -21,7 +21,13 @@ from tomotactile_ros.evaluation.point_spread import (
     REGULARIZATION,
     RESOLUTION,
 )
-from tomotactile_ros.evaluation.posterior import PAIRS_APART, SEPARATION, Conditions, expected
+from tomotactile_ros.evaluation.posterior import (
+    PAIRS_APART,
+    PRESSURE,
+    SEPARATION,
+    Conditions,
+    expected,
+)
 from tomotactile_ros.evaluation.profile_quality import evaluate_profile
 from tomotactile_ros.layouts.layout import load_layout
 from tomotactile_ros.reconstruction.settings import PROFILES
@@ -154,7 +160,7 @@ def _touch(layout, conditions):
     return found.metrics | {
         "rows": len(layout.grounded),
         "contact_radius": conditions.radius,
-        "pressure": conditions.pressure,
+        "pressure": PRESSURE,
         "noise": conditions.noise,
         "apart": conditions.apart,
         "positions": len(found.places),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from tomotactile_ros.layouts.layout import Layout, load_layout
@@ -63,6 +64,7 @@ def run(args: Namespace) -> None:
     from tomotactile_ros.bench.paper import experiment, simulation
     from tomotactile_ros.bench.paper.article import MODELS
     from tomotactile_ros.bench.paper.contacts import found
+    from tomotactile_ros.evaluation.layout_quality import evaluate_layout
 
     counts = simulation.COUNTS
     groups = [
@@ -77,7 +79,7 @@ def run(args: Namespace) -> None:
         singles = args.contacts or _CONTACTS.get(layout.electrodes, 6)
         return {
             ("contacts", group, name): (found, layout, singles),
-            ("maps", group, name): (simulation.on_maps, layout),
+            ("maps", group, name): (partial(evaluate_layout, model="point_nodes"), layout),
         }
 
     first: dict = {}

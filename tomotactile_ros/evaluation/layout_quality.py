@@ -143,8 +143,7 @@ def evaluate_layout(
     """
     if model not in MODELS:
         raise InputError(f"model: {model!r} is none of {', '.join(MODELS)}")
-    if not (np.isfinite(regularization) and regularization > 0):
-        raise InputError(f"regularization: {regularization} is not a positive number")
+    checks.positive(regularization, "regularization", "number")
     if contact_radius is None:
         contact_radius = default_contact_radius(layout)
     checks.length(contact_radius, "contact radius")

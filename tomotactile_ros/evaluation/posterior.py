@@ -40,7 +40,7 @@ from tomotactile_ros.estimation.equations import Linear, contact_priors
 from tomotactile_ros.estimation.fit import Fit
 from tomotactile_ros.estimation.forward import Prediction, Unknowns
 from tomotactile_ros.estimation.observation import Rows
-from tomotactile_ros.estimation.operator import SheetOperator, operator_for
+from tomotactile_ros.estimation.operator import operator_for
 from tomotactile_ros.estimation.prior import Prior
 from tomotactile_ros.estimation.touch import (
     CONDUCTANCE,
@@ -76,16 +76,14 @@ _AS_DRAWN = 1e-3
 class Conditions:
     """What is pressed and how well it is read.
 
-    noise : of a reading, V rms; drive_voltage : V
-    radius : of the contacts, m; pressure : Pa; law : of the contacts
+    noise : of a reading, V rms
+    radius, law : of the contacts, m; `PRESSURE` presses them
     channels : what is known of gains, offsets and resistances; None: all are known
     apart : m, distance of the two contacts of a pair
     """
 
     noise: float = NOISE
-    drive_voltage: float = DRIVE
     radius: float = CONTACT_RADIUS
-    pressure: float = PRESSURE
     law: ContactLaw = LAW
     channels: ChannelPrior | None = None
     apart: float = PAIRS_APART
@@ -163,20 +161,14 @@ class Expectation:
     ----------
     layout : Layout; its scan says which rows there are
     conditions : Conditions
-    operator : `SheetOperator` of the layout with all electrodes, where there is one already
     """
 
-    def __init__(
-        self,
-        layout: Layout,
-        conditions: Conditions | None = None,
-        operator: SheetOperator | None = None,
-    ):
+    def __init__(self, layout: Layout, conditions: Conditions | None = None):
         self.layout, self.conditions = layout, conditions or Conditions()
-        self.operator = operator or operator_for(layout)
+        self.operator = operator_for(layout)
         how = self.conditions
         channels = how.channels or ChannelPrior(1e-6, 1e-9, 1e-3, 1e-8, 1e-9)  # as good as known
-        prior = Prior.unknown(self.operator, channels, how.radius, how.drive_voltage)
+        prior = Prior.unknown(self.operator, channels, how.radius, DRIVE)
         deviation, precision = prior.sheet_deviation.copy(), np.array(prior.precision)
         cut = np.arange(self.operator.modes)[self.operator.of_cut]
         deviation[cut] *= _AS_DRAWN
@@ -187,14 +179,9 @@ class Expectation:
         """Normal equations at discs with their middles at `centres` (2,), m, each."""
         return self._linear(self.pressed(centres), grounded)
 
-    def contact(self, centre: np.ndarray, grounded=None) -> tuple[float, float]:
-        """Standard deviations of the place, m, and of the force, relative, of a disc at
-        `centre`."""
-        covariance, force = self.covariance(centre, grounded)
-        return float(np.sqrt(np.trace(covariance))), force
-
     def covariance(self, centre: np.ndarray, grounded=None) -> tuple[np.ndarray, float]:
-        """(2, 2) of the place, m², and the standard deviation of the force, relative."""
+        """(2, 2) of the place of a disc at `centre`, m², and the standard deviation of its force,
+        relative."""
         linear = self.linear(centre, grounded=grounded)
         normal = linear.normal.copy()
         normal[[X, Y], [X, Y]] += self.on_electrode(linear)
@@ -228,7 +215,7 @@ class Expectation:
         how = self.conditions
         forms = [[*centre, 0.0, np.log(how.radius), 0.0, 0.0] for centre in centres]
         touches = self._felt(np.array(forms))
-        each = float(how.law.conductance(how.pressure)) * np.pi * how.radius**2
+        each = float(how.law.conductance(PRESSURE)) * np.pi * how.radius**2
         return _conducting(touches, each * touches.covered)
 
     def unknowns(self, forms: np.ndarray) -> Unknowns:
@@ -255,7 +242,7 @@ class Expectation:
         prediction = self._prediction(touches, grounded)
         grounded = prediction.rows
         readings = prediction.readings if readings is None else readings
-        weight = (self.conditions.drive_voltage / self.conditions.noise) ** 2
+        weight = (DRIVE / self.conditions.noise) ** 2
         weights = np.full(readings.shape, weight)
         weights[np.arange(len(grounded)), grounded] = 0.0
         prior = replace(self.prior, radius=float(np.exp(touches.contacts[0, RADIUS])))
@@ -297,7 +284,7 @@ class RowInformation:
     def figures(self, grounded: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
         """(P,) standard deviations of place, m, and force, relative, by rows of these
         electrodes."""
-        inverse = self._inverse(self._rows[:, list(grounded)].sum(axis=1))
+        inverse = _inverse(self._priors + self._rows[:, list(grounded)].sum(axis=1))
         free = np.count_nonzero(_DISC)
         covariance = inverse[:, :free, :free]
         force = np.einsum("pi,pij,pj->p", self._slopes, covariance, self._slopes)
@@ -310,14 +297,10 @@ class RowInformation:
         It is convex in the weights: 1 / trace((A^-1)_xy) is concave in a positive definite A, and
         one over the root of something concave is convex.
         """
-        inverse = self._inverse(np.tensordot(self._rows, weights, axes=(1, 0)))
+        inverse = _inverse(self._priors + np.tensordot(self._rows, weights, axes=(1, 0)))
         place, columns = _place(inverse), inverse[:, :, X : Y + 1]
         taken = (self._rows @ columns[:, None]) * columns[:, None]  # (P, E, k, 2)
         return float(place.mean()), -(taken.sum(axis=(2, 3)) / place[:, None]).mean(axis=0) / 2
-
-    def _inverse(self, rows):
-        """(P, k, k) covariance of all unknowns, rows (P, k, k) being what all rows tell."""
-        return _inverse(self._priors + rows)
 
 
 def _inverse(normal: np.ndarray) -> np.ndarray:

@@ -25,8 +25,10 @@ right.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -37,6 +39,12 @@ PART = "part"  # key of a true contact that is there for a part of the frame
 _ELLIPSE = 5.991  # 95 % of chi squared, two degrees of freedom
 _INTERVAL = 1.960  # 95 % of a normal distribution, in standard deviations
 _NONE = np.empty(0)
+FIGURES: dict[str, Callable[..., Any]] = {
+    "mean": np.mean,
+    "median": partial(np.percentile, q=50),
+    "p95": partial(np.percentile, q=95),
+    "worst": np.max,
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,18 +148,14 @@ def summary(scores: Sequence[FrameScore], withheld: int = 0) -> dict:
         key: sum(getattr(each, key) for each in scores)
         for key in ("true", "ghosts", "doubled", "missed", "weak")
     }
-    ospa = np.array([each.ospa for each in scores])
     return {
         "frames": len(scores),
         "withheld": withheld,
         **totals,
         "false_frames": sum(bool(s.ghosts or s.doubled or s.missed) for s in scores),
-        "place": _spread([each.place for each in scores]),
-        "force": _spread([each.force for each in scores]),
-        "ospa": {
-            "mean": float(ospa.mean()) if len(ospa) else None,
-            "p95": float(np.percentile(ospa, 95)) if len(ospa) else None,
-        },
+        "place": _of_pairs([each.place for each in scores]),
+        "force": _of_pairs([each.force for each in scores]),
+        "ospa": figures([each.ospa for each in scores]),
         "coverage": {
             "place": _part([each.place_covered for each in scores]),
             "force": _part([each.force_covered for each in scores]),
@@ -203,12 +207,13 @@ def _forces_covered(pairs):
     return np.array(out, bool)
 
 
-def _spread(parts):
-    values = np.concatenate([_NONE, *parts])
-    if not len(values):
-        return {"median": None, "p95": None, "worst": None}
-    median, p95 = np.percentile(values, [50, 95])
-    return {"median": float(median), "p95": float(p95), "worst": float(values.max())}
+def figures(values, names: Sequence[str] = ("mean", "p95")) -> dict[str, float | None]:
+    """`FIGURES` of values by their names; None of no values."""
+    return {name: float(FIGURES[name](values)) if len(values) else None for name in names}
+
+
+def _of_pairs(parts):
+    return figures(np.concatenate([_NONE, *parts]), ("median", "p95", "worst"))
 
 
 def _part(parts):

@@ -100,8 +100,14 @@ class Outline(Region):
             distance = np.minimum(distance, Region(hole).rim_distance(points))
         return distance
 
+    def signed_distance(self, points: np.ndarray) -> np.ndarray:
+        """(P,) how deep (P, 2) points lie inside, m, negative outside."""
+        if self.is_uniform_rectangle:
+            return (0.5 * np.array(self.size) - np.abs(points)).min(axis=1)
+        return np.where(self.contains(points), 1, -1) * self.rim_distance(points)
+
     def depth(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(P,) how deep (P, 2) points lie inside, m, negative outside, and (P, 2) its gradient."""
+        """(P,) as `signed_distance`, and (P, 2) its gradient."""
         if self.is_uniform_rectangle:
             inside = 0.5 * np.array(self.size) - np.abs(points)
             nearest = inside.argmin(axis=1)
@@ -110,10 +116,9 @@ class Outline(Region):
             gradient[own, nearest] = -np.sign(points[own, nearest])
             return inside[own, nearest], gradient
         step = _SLOPE * max(self.size)
-        around = [points, *(points + step * each for each in _CROSS)]
-        values = [np.where(self.contains(p), 1, -1) * self.rim_distance(p) for p in around]
-        slopes = [(values[i] - values[i + 1]) / (2 * step) for i in (1, 3)]
-        return values[0], np.stack(slopes, axis=-1)
+        values = [self.signed_distance(points + step * each) for each in _CROSS]
+        slopes = [(values[i] - values[i + 1]) / (2 * step) for i in (0, 2)]
+        return self.signed_distance(points), np.stack(slopes, axis=-1)
 
     def to_dict(self) -> dict:
         """The outline as in a layout file."""

@@ -77,13 +77,7 @@ class Constraints:
 
     def _trespass(self, positions):
         """(E,) how far each centre is beyond the margin or inside a region to keep out of, m."""
-        outline = self.outline
-        if outline.is_uniform_rectangle:
-            depth = (np.array(outline.size) / 2 - np.abs(positions)).min(axis=1)
-        else:
-            side = np.where(outline.contains(positions), 1, -1)
-            depth = side * outline.rim_distance(positions)
-        out = np.maximum(self.margin - depth, 0)
+        out = np.maximum(self.margin - self.outline.signed_distance(positions), 0)
         for region in self.keep_out:
             inside = region.contains(positions)
             out = np.maximum(out, np.where(inside, region.rim_distance(positions), 0))

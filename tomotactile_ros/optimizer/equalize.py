@@ -77,15 +77,12 @@ def equalize(
     evaluate = partial(evaluate_layout, **evaluation)
     for iteration in range(updates + 1):
         quality = work.do(evaluate, layout)
-        yield steps.next(quality, _score(quality, select))
+        hwhm = quality.metrics["hwhm"]
+        yield steps.next(quality, hwhm["mean" if select == "mean" else "worst_region"])
         updated = _update(quality, symmetries) if iteration < updates else None
         if updated is None:
             return
         layout = updated
-
-
-def _score(quality, select):
-    return quality.metrics["hwhm"]["mean" if select == "mean" else "worst_region"]
 
 
 def _symmetries(layout, shape):

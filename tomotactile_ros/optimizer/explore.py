@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from tomotactile_ros.evaluation.metrics import worst
 from tomotactile_ros.evaluation.posterior import Conditions
-from tomotactile_ros.layouts.arrangements import MAX_SPREAD, spread_electrodes
+from tomotactile_ros.layouts.arrangements import spread_electrodes
 from tomotactile_ros.layouts.layout import Layout, equal_grid
 from tomotactile_ros.layouts.outline import Outline
 from tomotactile_ros.optimizer.scan import Chooser
@@ -50,7 +50,6 @@ def explore(
     """
     checks.positive(row_period, "row_period", "time in s")
     for count in counts:
-        checks.integer(count, "explore", FEWEST, MAX_SPREAD)
         layout = layout_of(count, outline, radius, sheet_resistance)
         chooser = Chooser(layout, conditions)
         found = []

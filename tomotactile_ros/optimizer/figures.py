@@ -39,7 +39,7 @@ class Figures:
         values = [each for both in zip(self._spreads, self._found) for each in self._four(*both)]
         self._scenes = None
         if lattice.scenes is not None:
-            self._scenes = SceneBlur(lattice.scenes, transfer, self._spreads[0])
+            self._scenes = SceneBlur(lattice.scenes, self._spreads[0])
             values.append(self._scenes.value)
         self.values = np.array(values)
 
@@ -66,11 +66,9 @@ class Figures:
             for j, part in enumerate(self._through_images(spread, found, by)):
                 by_block[j] = by_block[j] + part
         seed = symmetry.join(by_block).T * symmetry.sizes[:, None]
-        by_point, by_between = self._gram.adjoint(symmetry.first, seed)
         if self._scenes is not None:
-            for total, part in zip((by_point, by_between), self._scenes.gradient()):
-                total += by_values[-1] * part
-        return self._through_green(by_point, by_between)
+            seed += by_values[-1] * self._scenes.by_rows()
+        return self._through_green(*self._gram.adjoint(symmetry.first, seed))
 
     def _through_images(self, spread, found, by):
         """Derivatives by the blocks of J'J from those by the four figures of one lambda^2."""

@@ -16,10 +16,7 @@ pairs  part of the pairs told apart: exactly two contacts, each nearer to its ow
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -29,11 +26,12 @@ from tomotactile_ros.bench.sensor.readings import potentials, readings, untouche
 from tomotactile_ros.bench.sensor.states import solved
 from tomotactile_ros.bench.trials import DRIVE, make_pipeline
 from tomotactile_ros.evaluation.places import usual_apart
+from tomotactile_ros.evaluation.scoring import FIGURES
 from tomotactile_ros.layouts.layout import Layout
 from tomotactile_ros.scenes.sheet_field import SheetVariation
 
 EVEN, UNEVEN = "even", "random 10 %"
-FIGURES: dict[str, Callable[..., Any]] = {"mean": np.mean, "p95": partial(np.percentile, q=95)}
+COMPARED = "mean", "p95"  # figures
 _RELATIVE, _LENGTH = 0.1, 0.05  # of uneven sheets; m
 _SHEETS = 4  # uneven ones
 _ELEMENTS = 35  # of the reference model along the longer side: 0.15 mV off, noise is 1 mV
@@ -101,7 +99,7 @@ def found(layout: Layout, singles: int) -> Found:
 
 
 def ratio(mine: np.ndarray, first: np.ndarray, figure: str) -> tuple[float, float, float]:
-    """One of `FIGURES` of errors (N,) over that of another layout's of the same contacts, and the
+    """One of `COMPARED` of errors (N,) over that of another layout's of the same contacts, and the
     ends of its interval."""
     of = FIGURES[figure]
     drawn = np.random.default_rng(0).integers(len(mine), size=(_DRAWS, len(mine)))

@@ -9,9 +9,10 @@ from html import escape
 import numpy as np
 
 from tomotactile_ros.bench.paper.article import EXPERIMENT, MODELS, REPORTED, SIDE
-from tomotactile_ros.bench.paper.contacts import EVEN, FIGURES, UNEVEN, Found, pairs_of, ratio
+from tomotactile_ros.bench.paper.contacts import COMPARED, EVEN, UNEVEN, Found, pairs_of, ratio
 from tomotactile_ros.bench.paper.experiment import CONDUCTORS, Image, Trial
 from tomotactile_ros.bench.paper.simulation import COUNTS, LABELS, Run, figures, nearest
+from tomotactile_ros.evaluation import scoring
 
 _STYLE = (
     "body{font-family:sans-serif;max-width:75em;margin:2em auto;padding:0 1em;color:#222;background:#fff}"
@@ -240,13 +241,15 @@ def contact_rows(found: Sequence[tuple[str, Found]]) -> Iterator[list[str]]:
     for name, measured in found:
         row = [name]
         for sheet in _SHEETS:
-            values = (of(1e3 * measured.place[sheet]) for of in FIGURES.values())
-            row.append(", ".join(f"{value:.3f}" for value in values))
+            values = scoring.figures(1e3 * measured.place[sheet], COMPARED)
+            row.append(", ".join(f"{value:.3f}" for value in values.values()))
         for sheet in _SHEETS:
             if measured is first:
                 row.append("")
                 continue
-            parts = (ratio(measured.place[sheet], first.place[sheet], figure) for figure in FIGURES)
+            parts = (
+                ratio(measured.place[sheet], first.place[sheet], figure) for figure in COMPARED
+            )
             row.append(", ".join("× {:.2f} ({:.2f} to {:.2f})".format(*part) for part in parts))
         for sheet in _SHEETS:
             values = np.percentile(100 * measured.force[sheet], (50, 95))

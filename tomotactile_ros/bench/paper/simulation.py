@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tomotactile_ros.bench.paper.article import REPORTED, SIDE
-from tomotactile_ros.evaluation.layout_quality import LayoutQuality, evaluate_layout
+from tomotactile_ros.evaluation.layout_quality import LayoutQuality
 from tomotactile_ros.evaluation.metrics import half_maximum
 from tomotactile_ros.evaluation.point_nodes import point_nodes_transfer
 from tomotactile_ros.evaluation.point_spread import RESOLUTION, PointSpread, gram_blocks
@@ -115,8 +115,3 @@ def spreads(layout: Layout, count: int) -> dict[str, Spread]:
         shown = grid.fill(image / image.max())
         out[name] = Spread(layout, shown, grid.pixels[pixel], half.centre[0], float(half.hwhm[0]))
     return out
-
-
-def on_maps(layout: Layout) -> LayoutQuality:
-    """A layout in the model with electrodes as single nodes."""
-    return evaluate_layout(layout, model="point_nodes")

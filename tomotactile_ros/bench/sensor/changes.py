@@ -21,33 +21,23 @@ from tomotactile_ros.simulation import ROW_PERIOD
 _SEED = 26
 
 
-def alone(case: str, states: States, end: bool) -> Trial:
-    """A touch that begins, or with `end` ends, at some row of a frame; no other touches.
+def changing(case: str, states: States, end: bool, without: States | None = None) -> Trial:
+    """The last touch of each state begins, or with `end` ends, at some row of a frame.
 
-    The frames before and after are processed and not judged.
+    The frames before and after are processed and not judged. `without` has the states without that
+    touch, beside others that last; None: nothing else touches.
     """
-    truths = [[contact | {PART: True} for contact in truth] for truth in states.truths]
-    return _changing(case, states.layout, [None] * len(truths), states.seen, truths, end)
-
-
-def beside(case: str, without: States, both: States, end: bool) -> Trial:
-    """The same beside a touch that lasts: states of that one alone, and of it and of another."""
-    truths = [[lasting, other | {PART: True}] for lasting, other in both.truths]
-    return _changing(case, both.layout, without.seen, both.seen, truths, end)
-
-
-def _changing(case, layout, without, touched, truths, end) -> Trial:
-    """Three frames of each state: before, while and after it becomes the other one at some row."""
-    random, electrodes = np.random.default_rng(_SEED), layout.electrodes
-    frames, judged = [], []
-    for i, (one, other, truth) in enumerate(zip(without, touched, truths, strict=True)):
-        both = [untouched(electrodes) if one is None else potentials(one), potentials(other)]
+    random, electrodes = np.random.default_rng(_SEED), states.layout.electrodes
+    nothing = untouched(electrodes)
+    frames, truths = [], []
+    for i, (seen, (*lasting, last)) in enumerate(zip(states.seen, states.truths, strict=True)):
+        both = [potentials(without.seen[i]) if without else nothing, potentials(seen)]
         before, after = both[::-1] if end else both
         late = np.arange(electrodes) >= random.integers(1, electrodes)
         within = np.where(late[:, None], after, before)
         frames += [readings(each, seed=(i, k)) for k, each in enumerate((before, within, after))]
-        judged += [None, truth, None]
-    return Trial(case, layout, np.array(frames), judged, ROW_PERIOD)
+        truths += [None, [*lasting, last | {PART: True}], None]
+    return Trial(case, states.layout, np.array(frames), truths, ROW_PERIOD)
 
 
 def sliding(case: str, data: SlideData, speed: float, step: int = 1) -> Trial:

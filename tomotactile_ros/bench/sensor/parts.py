@@ -83,8 +83,8 @@ def time(step: int = 1) -> Iterator[Trial]:
     alone = states(*_TEXTBOOK).every(step)
     one, two = (states("beside-8x8", case).every(step) for case in ("one", "two"))
     for name, end in (("onset", False), ("release", True)):
-        yield changes.alone(name, alone, end)
-        yield changes.beside(f"{name} beside another", one, two, end)
+        yield changes.changing(name, alone, end)
+        yield changes.changing(f"{name} beside another", two, end, one)
     slides = reference_slides.load(DEFAULT_LAYOUT)
     for speed in slides.speeds:
         yield changes.sliding(f"{speed:g} m/s", slides, speed, step)
