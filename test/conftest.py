@@ -3,7 +3,6 @@
 import os
 import signal
 import sys
-from functools import lru_cache
 from importlib.machinery import PathFinder
 from pathlib import Path
 
@@ -77,37 +76,10 @@ def own_ros_domain():
 
 @pytest.fixture(scope="session", autouse=True)
 def sheets_are_made_once():
-    """Finite elements and operators of the same even sheet are made once in a test process: that was a
-    quarter of the time of tests without nodes."""
-    import numpy as np
+    """See solved_once, which imports what must not be imported earlier."""
+    from solved_once import solved_once
 
-    from tomotactile_ros.estimation import operator
-    from tomotactile_ros.sheet.fem import FemSheet, KeptGreen
-
-    make, kept = FemSheet.__init__, {}
-
-    def made(self, layout, *, h=None, ring=16, shunting=True, lines=(), **uneven):
-        how = {"h": h, "ring": ring, "shunting": shunting}
-        if len(lines) or any(each is not None for each in uneven.values()):
-            return make(self, layout, **how, lines=lines, **uneven)
-        outline = layout.outline
-        arrays = [each.tobytes() for each in (layout.positions, outline.shell, *outline.holes)]
-        key = (*arrays, outline.kind, outline.radius, layout.radius, layout.sheet_resistance)
-        key += (h, ring, shunting)
-        if key not in kept:
-            make(self, layout, **how)
-            kept[key] = {name: value for name, value in vars(self).items() if name != "_kept"}
-            for value in kept[key].values():
-                if isinstance(value, np.ndarray):
-                    value.setflags(write=False)
-            if len(kept) > 32:
-                del kept[next(iter(kept))]
-        vars(self).update(kept[key], layout=layout)
-        self._kept = KeptGreen(self._solve, self._among, self._mesh_log, len(self.where))
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(FemSheet, "__init__", made)
-        patch.setattr(operator, "made", lru_cache(maxsize=6)(operator.made.__wrapped__))
+    with solved_once():
         yield
 
 

@@ -402,7 +402,7 @@ def test_what_a_sheet_changes_is_the_integral_over_its_elements():
 def test_charges_induced_on_electrodes_are_those_of_the_circle_theorem(name):
     """+1 in the centre, -1 in the inverse point, of each electrode by itself; images in rims of a rectangle are places
     as well, and an electrode on a rim is its own one."""
-    layout, random, count = load_layout(name), np.random.default_rng(3), 60
+    layout, random, count = load_layout(name), np.random.default_rng(3), 25
     electrodes, centres, radius = induced_charges(layout), layout.positions, layout.radius
     resistance = layout.sheet_resistance
     about = centres[random.integers(len(centres), size=count)]

@@ -103,8 +103,8 @@ def pressed(true, places, sheet=None):
     return frames + np.random.default_rng(1).normal(0, NOISE, frames.shape)
 
 
-def fine(size, half=0.1, radius=0.0025):
-    return square(size, half=half, side=8, radius=radius)
+def fine(size, half=0.1, radius=0.0025, side=8):
+    return square(size, half=half, side=side, radius=radius)
 
 
 TWO = ((0.037, 0.052), (-0.071, 0.018))
@@ -114,8 +114,8 @@ TWO = ((0.037, 0.052), (-0.071, 0.018))
     "drawn, true, places, within",
     [
         (fine(0.2), fine(0.204), TWO, 0.3e-3),
-        (fine(0.2, 0.09), fine(0.195, 0.09), TWO, 0.3e-3),
-        (fine(0.2), fine(0.2, radius=0.0035), TWO, 1e-3),
+        (fine(0.2, 0.09, side=6), fine(0.195, 0.09, side=6), TWO, 0.3e-3),
+        (fine(0.2, side=6), fine(0.2, radius=0.0035, side=6), TWO, 1e-3),
         (square(0.2), square(0.204), TWO, 1.5e-3),
         (round_of(0.1), round_of(0.11), ((0.012, 0.017), (-0.022, 0.004)), 1e-3),
     ],

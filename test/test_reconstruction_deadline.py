@@ -250,19 +250,20 @@ def test_deadlines_and_periods():
 
 
 def test_images_and_contacts_are_asked_for_one_by_one(layout, frames):
-    whole = Pipeline(layout, Settings("paper")).process(frames[0])
-    images = Pipeline(layout, Settings("paper", contacts=False)).process(frames[0])
+    first = Pipeline(layout, Settings("paper"))
+    whole = first.process(frames[0])
+    images = first.with_settings(Settings("paper", contacts=False)).process(frames[0])
     assert np.array_equal(images.potential, whole.potential, equal_nan=True)
     assert images.contacts == [] and not images.idle
     # the sheet holds currents back: two fingers of 3 and 5 N on 4 x 4 conduct as if they pressed a third
-    force = np.nansum(images.pressure) * Pipeline(layout, Settings()).grid.cell_area
+    force = np.nansum(images.pressure) * first.grid.cell_area
     assert 0.3 < force / sum(c.force for c in whole.contacts) <= 1.0
     for profile in ("fast", "accurate"):
         alone = Pipeline(layout, Settings(profile, image="none")).process(frames[0])
         both = Pipeline(layout, Settings(profile)).process(frames[0])
         assert alone.pressure.size == alone.potential.size == 0
         assert alone.contacts == both.contacts
-    eq1 = Pipeline(layout, Settings("fast", image="paper")).process(frames[0])
+    eq1 = first.with_settings(Settings("fast", image="paper")).process(frames[0])
     assert np.array_equal(eq1.potential, whole.potential, equal_nan=True)
 
 

@@ -162,20 +162,20 @@ def test_lost_readings_change_little(pipelines, frame):
     assert told_rightly(result, TRUTH, 0.001)
 
 
-def test_tare_takes_an_offset_off(pipelines, frame):
-    random = np.random.default_rng(5)
-    offset = 0.02 * random.standard_normal((64, 64))
-    pipeline = pipelines["balanced"].with_settings(Settings("balanced"))
-    noise = 1e-3 * random.standard_normal((20, 64, 64))
-    pipeline.tare([(offset + n, GROUNDED) for n in noise[:16]])
-    assert pipeline.process(offset + noise[17], GROUNDED, DRIVE).idle
-    result = pipeline.process(frame + offset, GROUNDED, DRIVE)
+def test_tare_takes_an_offset_off(small, small_frame):
+    random, grounded = np.random.default_rng(5), GROUNDED[:16]
+    offset = 0.02 * random.standard_normal((16, 16))
+    pipeline = small.with_settings(Settings("balanced"))
+    noise = 1e-3 * random.standard_normal((20, 16, 16))
+    pipeline.tare([(offset + n, grounded) for n in noise[:16]])
+    assert pipeline.process(offset + noise[17], grounded, DRIVE).idle
+    result = pipeline.process(small_frame + offset, grounded, DRIVE)
     assert result.excluded == ()
     assert told_rightly(result, TRUTH, 0.001)
     kept = pipeline.with_settings(Settings("fast"))
-    assert kept.process(offset + noise[18], GROUNDED, DRIVE).idle
+    assert kept.process(offset + noise[18], grounded, DRIVE).idle
     kept.untare()
-    assert not kept.process(offset + 0.05, GROUNDED, DRIVE).idle
+    assert not kept.process(offset + noise[18], grounded, DRIVE).idle
     with pytest.raises(InputError, match="at least one frame"):
         pipeline.tare([])
 
